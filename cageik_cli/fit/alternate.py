@@ -154,38 +154,43 @@ class Alternator:
     min_gain: float = 0.003
 
     def fit(
-        self, target: Displacements, settings: FitSettings
+        self,
+        target: Displacements,
+        settings: FitSettings,
+        change: Correction | None = None,
     ) -> tuple[Binding, Correction | None]:
         """Fit weights of the form that the settings ask for.
 
         Returned are a binding with these weights, and of a fit of low rank what it has added to the
-        weights before, else None.
+        weights before, else None. `change` is that of all weights, if it is fitted already.
         """
-        target = target.compress(self.problem.vertex_weights)
-        if settings.rank is not None:
-            whole, motion = self._fit_full_rank(target)
-            start = self.problem.truncate(motion, whole, settings.rank)
-            change, _ = self._alternate(target, start, self.problem.refit, self.problem.add_change)
-            return self._bind(self.problem.add_change(change)), change
         if settings.influences is not None:
             strength = min(self.problem.regularization, MAX_START_REGULARIZATION)
             close = replace(self, problem=replace(self.problem, regularization=strength))
-            weights = self.problem.add_change(close._fit_full_rank(target)[0])
-            return self.fit_influences(target, weights, settings.influences), None
-        change, _ = self._fit_full_rank(target)
-        return self._bind(self.problem.add_change(change)), None
+            change = change or close.fit_full_rank(target)
+            whole = self.problem.add_change(change)
+            return self.fit_influences(target, whole, settings.influences), None
+        change = change or self.fit_full_rank(target)
+        if settings.rank is None:
+            return self._bind(self.problem.add_change(change)), None
+        motion, _ = self.cage_solve.solve(
+            self.problem.add_change(change), target, self.problem.jobs
+        )
+        cut = self.problem.truncate(motion, change, settings.rank)
+        cut = self._alternate(target, cut, self.problem.refit, self.problem.add_change)
+        return self._bind(self.problem.add_change(cut)), cut
 
     def fit_influences(self, target: Displacements, whole: Floats, count: int) -> Binding:
         """Return the binding with at most `count` influences, from weights (m, n) that fit well."""
         n = whole.shape[1]
         start = Influences.from_dense(whole, count)
         step = partial(refit_influences, self.problem)
-        found, _ = self._alternate(target, start, step, lambda form: form.to_dense(n))
+        found = self._alternate(target, start, step, lambda form: form.to_dense(n))
         return self._bind(found.to_dense(n), has_offsets=True)
 
-    def _fit_full_rank(self, target: Displacements) -> tuple[Correction, Motion]:
-        """Return the change of all weights, and the motion of the cage for it."""
-        start = Correction.none(*self.problem.rest_weights.shape)
+    def fit_full_rank(self, target: Displacements, start: Correction | None = None) -> Correction:
+        """Return the change of all weights, in rounds that begin with that of `start`."""
+        start = start or Correction.none(*self.problem.rest_weights.shape)
         return self._alternate(target, start, self.problem.fit, self.problem.add_change)
 
     def _bind(self, weights: Floats, has_offsets: bool = False) -> Binding:
@@ -197,25 +202,27 @@ class Alternator:
         start: Form,
         step: Callable[[Motion, Form], Form],
         expand: Callable[[Form], Floats],
-    ) -> tuple[Form, Motion]:
-        """Fit to `target`; return the weights in their form, and the motion of the cage for them.
+    ) -> Form:
+        """Fit to `target`; return the weights in their form.
 
         `step` fits the weights to given cages, from the last ones, and from `start` first;
         `expand` returns the weights (m, n) of a form.
         """
         jobs = self.problem.jobs
         form = start
-        motion, rms = self.cage_solve.solve(expand(start), target, jobs)
-        errors, extrapolation, given = [rms], Extrapolation(), motion
-        for _ in range(self.max_rounds):
+        given, rms = self.cage_solve.solve(expand(form), target, jobs)
+        errors, extrapolation = [rms], Extrapolation()
+        for left in reversed(range(self.max_rounds)):
             form = step(given, form)
+            if not left:
+                break  # the cages would not be used
             motion, rms = self.cage_solve.solve(expand(form), target, jobs)
             errors.append(rms)
             is_gaining = len(errors) < 3 or errors[-1] < (1 - 2 * self.min_gain) * errors[-3]
             if not is_gaining:
                 break
             given = replace(given, cages=extrapolation.advance(given.cages, motion.cages))
-        return form, motion
+        return form
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -17,11 +17,22 @@ from cageik_cli.fit.problem import (
 )
 from cageik_cli.fit.sample import FrameReader, Sample, sample_frames
 from cageik_cli.fit.settings import (
-    DEFAULT_REGULARIZATION,
+    DEFAULT_STRENGTH,
     Comparison,
+    EditRoughness,
     FitRecord,
     FitReport,
     FitSettings,
+    Strength,
+    StrengthLimit,
+    TriedStrength,
+)
+from cageik_cli.fit.strength import (
+    EditMeter,
+    Rung,
+    Trial,
+    choose_ladder,
+    climb,
 )
 from cageik_cli.method.solve.settings import SolveSettings
 from cageik_cli.method.solve.vertex_weights import drop_unused_vertices
@@ -31,20 +42,9 @@ from cageik_cli.util.errors import CageError, SettingError
 from cageik_cli.util.settings import DEFAULT_MEMORY
 from cageik_cli.util.threads import OrderedMap, limit_blas_threads
 
-MAX_HELD_OUT_ROUNDS = 8
-"""Fits that only measure held-out frames end earlier; their errors are a few percent too high."""
-
-TRIED_REGULARIZATIONS = (1.0, 0.3, 0.1, 0.03, 0.01, 0.003)
-"""Strengths that a search tries, two at a time, the smoothest weights first."""
-
-MAX_ERROR_SHARE = 0.97
-"""The search ends when the weaker of two strengths leaves more of the other's held-out error."""
-
-MAX_BEST_RATIO = 1.05
-"""The strongest regularization is chosen whose held-out error is within this of the smallest."""
-
-Curve = list[tuple[float, float]]
-"""Regularizations and their errors on held-out frames, in percent of the diagonal."""
+MAX_ROUNDS, MAX_HELD_OUT_ROUNDS = 12, 8
+"""Rounds at a given strength. Fits that only measure held-out frames end earlier; their errors are
+a few percent too high."""
 
 
 class Fitter:
@@ -60,8 +60,6 @@ class Fitter:
         Limit in bytes for the fit, the weights included.
     jobs : int
         Threads. They do not change the weights.
-    max_rounds : int
-        Rounds of weights and cages by turns.
 
     Attributes
     ----------
@@ -86,11 +84,10 @@ class Fitter:
         vertex_weights: Floats | None = None,
         memory: int = DEFAULT_MEMORY,
         jobs: int = 1,
-        max_rounds: int = 12,
     ) -> None:
         self._binding, self._settings = binding, settings or FitSettings()
         self._solve = solve or SolveSettings()
-        self._memory, self._jobs, self._max_rounds = memory, jobs, max_rounds
+        self._memory, self._jobs = memory, jobs
         _check_freedom(binding, self._settings)
         weights = drop_unused_vertices(vertex_weights, binding.rest)
         self.cage_solve = CageSolve(binding, self._solve, weights)
@@ -104,8 +101,8 @@ class Fitter:
             complement=complement_basis(binding.cage),
             surface=SurfaceLaplacian(binding.rest),
             vertex_weights=weights,
-            regularization=DEFAULT_REGULARIZATION,
-            smoothness=self._settings.smoothness,
+            regularization=DEFAULT_STRENGTH.regularization,
+            smoothness=DEFAULT_STRENGTH.smoothness,
         )
 
     def fit(self, clips: Sequence[FrameReader], skips_bad_frames: bool = False) -> FittedWeights:
@@ -125,30 +122,45 @@ class Fitter:
         """
         with limit_blas_threads(1):  # its last digits depend on the number of threads
             sample = self.sample(clips, skips_bad_frames)
-            strength, curve = self._choose_regularization(sample)
-            # Before the fit to all frames, whose weights would be one more large array meanwhile.
-            blocks, third = self._measure_unseen(sample, strength, is_strength_chosen=bool(curve))
-            fitted, low_rank = self.fit_sample(sample, strength)
-            measured = self.cage_solve.compare(fitted.weights, sample.target)
             solver = self.cage_solve.prepare(self._binding.weights)
+            distinct = sample.count_distinct(solver)
+            ladder, limit = choose_ladder(self._settings, distinct)
+            tried: list[TriedStrength] = []
+            if len(ladder) > 1 and not self._can_climb(sample):
+                ladder, limit = (Rung(DEFAULT_STRENGTH),), StrengthLimit.MEMORY
+            if len(ladder) > 1 and not sample.can_hold_out:
+                ladder, limit = (Rung(DEFAULT_STRENGTH),), StrengthLimit.FRAMES
+            meter = EditMeter(self._problem, self._binding.cage)
+            if len(ladder) == 1:
+                # Before the fit to all frames, whose weights would be a large array meanwhile.
+                held_out = self._compare_held_out(sample, ladder[0].strength)
+                fitted, low_rank = self.fit_sample(sample, ladder[0].strength)
+            else:
+                ladder, limit, tried, held_out = self._climb(sample, ladder, meter)
+                fitted, low_rank = self._follow(sample, ladder)
+            strength = ladder[-1].strength
+            measured = self.cage_solve.compare(fitted.weights, sample.target)
             own_roughness = self._problem.surface.measure(self._binding.weights)
             roughness = self._problem.surface.measure(fitted.weights)
             report = FitReport(
-                regularization=strength,
-                smoothness=self._settings.smoothness,
+                regularization=strength.regularization,
+                smoothness=strength.smoothness,
                 frames=sum(sample.lengths),
                 fitted_frames=len(sample),
                 needed_memory=sample.needed_memory,
                 fitted=measured,
-                held_out_blocks=blocks,
+                held_out_blocks=held_out[0],
                 copied_frames=sample.count_copies(solver, measured.fitted.rms),
-                unseen_third=third,
+                unseen_third=held_out[1],
                 negative_per_row=abs(float(np.minimum(fitted.weights, 0).sum()))
                 / len(fitted.weights),
                 min_weight=float(fitted.weights.min()),
                 roughness=roughness / own_roughness if own_roughness else 1.0,
                 fixed_floats=_count_fixed_floats(fitted, low_rank),
-                curve=tuple(curve),
+                limit=limit,
+                ladder=tuple(tried),
+                edits=meter.measure_weights(fitted.weights),
+                distinct_frames=distinct,
             )
         record = FitRecord(self._settings, self._solve, (), report)
         return FittedWeights(fitted, record, low_rank, self._binding)
@@ -163,31 +175,31 @@ class Fitter:
             skips_bad_frames=skips_bad_frames,
         )
 
-    def fit_sample(self, sample: Sample, strength: float) -> tuple[Binding, Correction | None]:
-        """Fit the weights to a sample, with a given regularization, and do not measure them.
+    def fit_sample(self, sample: Sample, strength: Strength) -> tuple[Binding, Correction | None]:
+        """Fit the weights to a sample, with a given strength, and do not measure them.
 
         What is returned is as of `Alternator.fit`.
         """
-        return self.make_alternator(sample, strength).fit(sample.target, self._settings)
+        target = sample.target.compress(self._problem.vertex_weights)
+        return self.make_alternator(sample, strength).fit(target, self._settings)
 
     def make_alternator(
-        self, sample: Sample, strength: float, is_trial: bool = False
+        self, sample: Sample, strength: Strength, *, max_rounds: int = MAX_ROUNDS, share: int = 1
     ) -> Alternator:
-        """Make what fits to a sample with a given regularization, in the threads there is room for.
+        """Make what fits to a sample with a given strength, in the threads there is room for.
 
-        It also fits weights for joints, see `rigs.joints`. A trial is one of the fits whose frames
-        held out are measured: it shares the threads with those that are made at once, and has at
-        most `MAX_HELD_OUT_ROUNDS`.
+        It also fits weights for joints, see `rigs.joints`. So many fits `share` the threads.
         """
         m, n = self._binding.weights.shape
         left = self._find_memory_left(sample)
         fitting = (k for k in range(self._jobs, 1, -1) if estimate_memory(m, n, k) <= left)
-        jobs, rounds = next(fitting, 1), self._max_rounds
-        if is_trial:
-            jobs = max(1, jobs // self._count_fits(sample))
-            rounds = min(rounds, MAX_HELD_OUT_ROUNDS)
-        problem = replace(self._problem, regularization=strength, jobs=jobs)
-        return Alternator(problem, self.cage_solve, rounds)
+        problem = replace(
+            self._problem,
+            regularization=strength.regularization,
+            smoothness=strength.smoothness,
+            jobs=max(1, next(fitting, 1) // share),
+        )
+        return Alternator(problem, self.cage_solve, max_rounds)
 
     def _count_fits(self, sample: Sample) -> int:
         """Count the fits to parts of the sample that are made at once: one or two."""
@@ -199,57 +211,79 @@ class Fitter:
         """Return the bytes that a fit may take beside the sample and its part."""
         return self._memory - 2 * sample.target.nbytes
 
-    def _choose_regularization(self, sample: Sample) -> tuple[float, Curve]:
-        """Return the regularization, and what was tried if it is chosen by held-out blocks.
+    def _compare_held_out(self, sample: Sample, strength: Strength) -> list[Comparison | None]:
+        """Fit to the frames of a sample that are not held out, and measure those that are.
 
-        Regularizations are tried while the error falls by a few percent.
+        None where all or no frames are held out.
         """
-        if self._settings.regularization is not None:
-            return self._settings.regularization, []
-        curve: Curve = []
-        for start in range(0, len(TRIED_REGULARIZATIONS), 2):
-            pair = TRIED_REGULARIZATIONS[start : start + 2]
-            cases = [(sample.in_held_out_block, s) for s in pair]
-            for strength, found in zip(pair, self._compare_held_out(sample, cases), strict=True):
-                if found is None:
-                    return choose_regularization([]), []
-                curve.append((strength, found.fitted.rms))
-            if curve[-1][1] > MAX_ERROR_SHARE * curve[-2][1]:
-                break
-        return choose_regularization(curve), curve
+        fits = self._count_fits(sample)
+        alternator = self.make_alternator(
+            sample, strength, max_rounds=MAX_HELD_OUT_ROUNDS, share=fits
+        )
 
-    def _measure_unseen(
-        self, sample: Sample, strength: float, is_strength_chosen: bool
-    ) -> list[Comparison | None]:
-        """Measure fits to blocks and to two thirds of a sample on the other blocks and third."""
-        third, third_strength = sample.in_last_third, strength
-        if is_strength_chosen and third.any() and not third.all():
-            third_strength, _ = self._choose_regularization(sample.take(np.flatnonzero(~third)))
-        cases = [(sample.in_held_out_block, strength), (third, third_strength)]
-        return self._compare_held_out(sample, cases)
-
-    def _compare_held_out(
-        self, sample: Sample, cases: Sequence[tuple[Mask, float]]
-    ) -> list[Comparison | None]:
-        """Fit to the frames that are not held out, and measure those that are.
-
-        Each case is which frames of the sample, (k,), are held out, and the regularization. None
-        where all or no frames are held out.
-        """
-
-        def compare(case: tuple[Mask, float]) -> Comparison | None:
-            is_held, strength = case
+        def compare(is_held: Mask) -> Comparison | None:
             if is_held.all() or not is_held.any():
                 return None
-            seen = sample.target.take(np.flatnonzero(~is_held))
-            held_out = sample.target.take(np.flatnonzero(is_held))
-            alternator = self.make_alternator(sample, strength, is_trial=True)
-            fitted, _ = alternator.fit(seen, self._settings)
-            return self.cage_solve.compare(fitted.weights, held_out)
+            trial = Trial(sample, is_held, self._problem)
+            fitted, _ = alternator.fit(trial.seen, self._settings)
+            return self.cage_solve.compare(fitted.weights, trial.held_out)
 
-        fits = self._count_fits(sample)
-        with OrderedMap(compare, cases, fits, fits) as found:
+        with OrderedMap(compare, sample.held_out_masks, fits, fits) as found:
             return list(found)
+
+    def _can_climb(self, sample: Sample) -> bool:
+        """Return whether there is memory for two trials beside each other."""
+        m, n = self._binding.weights.shape
+        kept = 4 * 8 * m * n  # of each, the weights at two strengths
+        return bool(kept + estimate_memory(m, n, jobs=1) <= self._find_memory_left(sample))
+
+    def _climb(
+        self, sample: Sample, ladder: Sequence[Rung], meter: EditMeter
+    ) -> tuple[tuple[Rung, ...], StrengthLimit, list[TriedStrength], list[Comparison | None]]:
+        """Choose a strength by trials, and measure these with it on frames held out.
+
+        Returned are the strengths down to the one chosen, what is against the next, all that were
+        tried, and the measurements.
+        """
+        fits = self._count_fits(sample)
+        trials = [
+            Trial(sample, is_held, self._problem)
+            for is_held in sample.held_out_masks
+            if is_held.any() and not is_held.all()
+        ]
+
+        def advance(rung: Rung) -> tuple[float, float | None]:
+            alternator = self.make_alternator(
+                sample, rung.strength, max_rounds=rung.rounds, share=fits
+            )
+            with OrderedMap(lambda one: one.advance(alternator), trials, fits, fits) as errors:
+                blocks, *third = errors
+            return blocks, third[0] if third else None
+
+        def measure_edits() -> EditRoughness:
+            return meter.measure(trials[0].change)
+
+        count, limit, tried = climb(ladder, advance, measure_edits, self._settings.use)
+        if count < len(tried):
+            for trial in trials:
+                trial.go_back()
+        alternator = self.make_alternator(sample, ladder[count - 1].strength, share=fits)
+
+        def compare(trial: Trial) -> Comparison:
+            fitted, _ = alternator.fit(trial.seen, self._settings, trial.change)
+            return self.cage_solve.compare(fitted.weights, trial.held_out)
+
+        with OrderedMap(compare, trials, fits, fits) as found:
+            comparisons = [*found, None][:2]
+        return tuple(ladder[:count]), limit, tried, comparisons
+
+    def _follow(self, sample: Sample, ladder: Sequence[Rung]) -> tuple[Binding, Correction | None]:
+        """Fit the weights to a sample at each strength of a ladder, as its trials were."""
+        target, change = sample.target.compress(self._problem.vertex_weights), None
+        for rung in ladder:
+            alternator = self.make_alternator(sample, rung.strength, max_rounds=rung.rounds)
+            change = alternator.fit_full_rank(target, change)
+        return self.make_alternator(sample, ladder[-1].strength).fit(target, self._settings, change)
 
 
 def _check_freedom(binding: Binding, settings: FitSettings) -> None:
@@ -283,11 +317,3 @@ def _count_fixed_floats(fitted: Binding, low_rank: Correction | None) -> int:
     if fitted.has_offsets:
         return 2 * int(np.count_nonzero(fitted.weights)) + fitted.rest.vertices.size
     return fitted.weights.size
-
-
-def choose_regularization(curve: Curve) -> float:
-    """Choose the strongest regularization whose error is nearly the smallest."""
-    if not curve:
-        return DEFAULT_REGULARIZATION
-    best = min(error for _, error in curve)
-    return max(strength for strength, error in curve if error <= MAX_BEST_RATIO * best)

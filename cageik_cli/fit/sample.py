@@ -6,13 +6,12 @@ from functools import partial
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cageik_cli.fit.problem import Displacements, estimate_memory
 from cageik_cli.fit.settings import MAX_HELD_OUT_BLOCKS
 from cageik_cli.geometry.points import choose_farthest
 from cageik_cli.method.solve.dual_laplacian import DualLaplacianSolver
-from cageik_cli.util.arrays import Floats, Integers, count_frames
+from cageik_cli.util.arrays import Floats, Integers, Mask, count_frames
 from cageik_cli.util.errors import ConnectivityError, InputError, MissingFrameError
 from cageik_cli.util.threads import OrderedMap
 
@@ -21,6 +20,9 @@ MAX_FITTED_FRAMES = 100
 
 MIN_FITTED_FRAMES = 10
 """Frames of a long clip that a fit which nobody asked for needs: of fewer, poses are missing."""
+
+MAX_COPY_DISTANCE = 0.01
+"""Frames nearer to another than this share of the motion are its copies."""
 
 MAX_DESCRIPTOR_VERTICES = 64
 """Vertices whose displacements describe a pose."""
@@ -73,17 +75,28 @@ class Sample:
         )
 
     @property
-    def in_held_out_block(self) -> NDArray[np.bool_]:
+    def in_held_out_block(self) -> Mask:
         """Which frames are in every second block of their clip, (k,) bool."""
         lengths = np.array(self.lengths)[self.clips]
         blocks = self.frames * np.minimum(lengths, MAX_HELD_OUT_BLOCKS) // lengths
         return np.asarray(blocks % 2 == 1)
 
     @property
-    def in_last_third(self) -> NDArray[np.bool_]:
+    def in_last_third(self) -> Mask:
         """Which frames are in the last third of their clip, (k,) bool."""
         lengths = np.array(self.lengths)[self.clips]
         return np.asarray(self.frames >= np.ceil(2 / 3 * lengths))
+
+    @property
+    def held_out_masks(self) -> tuple[Mask, Mask]:
+        """Which frames are in every second block of their clip, and which in its last third."""
+        return self.in_held_out_block, self.in_last_third
+
+    @property
+    def can_hold_out(self) -> bool:
+        """Return whether some frames are in a block that is held out, and some are not."""
+        is_held = self.in_held_out_block
+        return bool(is_held.any() and not is_held.all())
 
     def count_copies(self, solver: DualLaplacianSolver, rms_percent: float) -> int:
         """Count the frames of held-out blocks that are near to a frame which is not held out.
@@ -93,18 +106,35 @@ class Sample:
         not count.
         """
         is_held = self.in_held_out_block
-        vertices = choose_vertices(solver)
-        columns = np.hstack([block[vertices] for block in self.target.blocks()])
-        poses = columns.reshape(len(vertices), -1, 3).transpose(1, 0, 2).reshape(len(self), -1)
-        poses /= np.sqrt(self.target.shares)[:, None]
-        size = np.sqrt(np.square(poses).sum(axis=1).mean())
-        radius = rms_percent / 100 * solver.binding.rest.diagonal * np.sqrt(len(vertices))
+        poses, size = self._describe_poses(solver)
+        vertices = poses.shape[1] // 3
+        radius = rms_percent / 100 * solver.binding.rest.diagonal * np.sqrt(vertices)
         radius = min(radius, 0.05 * size)
         seen = poses[~is_held]
         if not len(seen):
             return 0
         nearest = [np.linalg.norm(seen - pose, axis=1).min() for pose in poses[is_held]]
         return int(np.count_nonzero(np.array(nearest) <= radius))
+
+    def count_distinct(self, solver: DualLaplacianSolver) -> int:
+        """Count frames that are not near to a frame before them, or to the rest pose.
+
+        Near is below `MAX_COPY_DISTANCE` of the motion.
+        """
+        poses, size = self._describe_poses(solver)
+        known = np.zeros((1, poses.shape[1]))
+        for pose in poses:
+            if np.linalg.norm(known - pose, axis=1).min() > MAX_COPY_DISTANCE * size:
+                known = np.vstack([known, pose])
+        return len(known) - 1
+
+    def _describe_poses(self, solver: DualLaplacianSolver) -> tuple[Floats, float]:
+        """Return displacements of a few vertices, (k, 3s), and how large they are: a mean."""
+        vertices = choose_vertices(solver)
+        columns = np.hstack([block[vertices] for block in self.target.blocks()])
+        poses = columns.reshape(len(vertices), -1, 3).transpose(1, 0, 2).reshape(len(self), -1)
+        poses /= np.sqrt(self.target.shares[self.target.frames])[:, None]
+        return poses, float(np.sqrt(np.square(poses).sum(axis=1).mean()))
 
 
 def sample_frames(

@@ -4,16 +4,22 @@ This module imports no numerics.
 """
 
 from dataclasses import dataclass
+from enum import StrEnum
+from typing import Literal, NamedTuple, get_args
 
 from cageik_cli.method.solve.settings import SolveSettings
 from cageik_cli.util.errors import SettingError
 from cageik_cli.util.settings import HelpGroup, check_settings, declare_setting
 
-FIT_VERSION = 4
+FIT_VERSION = 5
 """Raise it when fitted weights or their reports change, so that caches are not used."""
 
-DEFAULT_REGULARIZATION = 0.1
-"""λ where it is neither stated nor found by frames held out."""
+MAX_EDIT_ROUGHNESS = 1.15
+"""Edits of the cage may be this many times as rough as with the weights before, if no strength is
+given and they are not only played."""
+
+MIN_DISTINCT_FRAMES = 30
+"""Of fewer poses, frames kept aside say little about other motion: weights stay smooth."""
 
 MAX_HELD_OUT_BLOCKS = 10
 """Each clip is cut into so many blocks of consecutive frames; every second one is held out."""
@@ -33,6 +39,36 @@ MAX_COPIED_SHARE = 0.5
 MAX_ROUGHNESS = 3.0
 """Weights that are more times as rough as the unfitted ones are warned of."""
 
+Use = Literal["edit", "play"]
+"""What fitted weights are for."""
+
+
+class Strength(NamedTuple):
+    """How strongly a fit is pulled to the weights before.
+
+    `regularization` is λ, the pull itself; `smoothness` is μ, that of the change over the surface.
+    """
+
+    regularization: float
+    smoothness: float
+
+
+DEFAULT_STRENGTH = Strength(0.1, 1.0)
+"""Where a strength is neither given nor chosen by measurement."""
+
+
+class StrengthLimit(StrEnum):
+    """Why a fit has its strength: what a weaker one would have done worse, or ruled out."""
+
+    GIVEN = "given"
+    FRAMES = "few frames"
+    MEMORY = "memory"
+    INFLUENCES = "few influences"
+    EDITS = "edits"
+    KEPT_ASIDE = "kept aside"
+    GAIN = "no gain"
+    LADDER = "weakest"
+
 
 @dataclass(frozen=True, slots=True)
 class FitSettings:
@@ -41,9 +77,12 @@ class FitSettings:
     Attributes
     ----------
     regularization : float or None
-        λ, the pull to the binding's own weights, above 0; None chooses it by frames held out.
-    smoothness : float
-        μ, the smoothness over the surface of the change of the weights, 0 or above.
+        λ, the pull to the binding's own weights, above 0; None chooses it by measurement.
+    smoothness : float or None
+        μ, the smoothness over the surface of the change of the weights, 0 or above; None chooses
+        it, too, or is that of `DEFAULT_STRENGTH` where λ is given.
+    use : {"edit", "play"}
+        Whether what is chosen keeps edits of the cage smooth, or only follows the frames.
     rank : int, optional
         Rank of the change of the weights; any by default.
     influences : int, optional
@@ -57,29 +96,53 @@ class FitSettings:
     Examples
     --------
     >>> from cageik_cli import FitSettings
-    >>> FitSettings(rank=10).smoothness
-    1.0
+    >>> FitSettings(regularization=0.01).strength
+    Strength(regularization=0.01, smoothness=1.0)
+    >>> FitSettings().strength is None
+    True
     """
 
     regularization: float | None = declare_setting(
-        DEFAULT_REGULARIZATION,
-        "Pull of fitted weights to the others: higher is smoother and less exact; auto chooses it "
-        "by frames kept aside from the fit.",
+        None,
+        "Pull of fitted weights to the others: higher is smoother and less exact; auto chooses it, "
+        "by frames kept aside from the fit and by how smooth edits stay.",
         name="fit_regularization",
         meaning="pull of fitted weights to the others",
         word="auto",
+        unset="auto",
         expected="a number, such as 0.1",
         metavar="NUMBER|AUTO",
         above=0,
         group=HelpGroup.FIT,
     )
-    smoothness: float = declare_setting(
-        1.0,
-        "Smoothness over the surface of what the fit changes.",
+    smoothness: float | None = declare_setting(
+        None,
+        "Smoothness over the surface of what the fit changes; auto chooses it with the pull, and "
+        f"is {DEFAULT_STRENGTH.smoothness:g} where that is given.",
         name="fit_smoothness",
         meaning="smoothness over the surface of what a fit changes in the weights",
+        word="auto",
+        unset="auto",
+        expected="a number, such as 1",
+        metavar="NUMBER|AUTO",
         minimum=0,
         group=HelpGroup.FIT,
+    )
+    use: Use = declare_setting(
+        "edit",
+        f"What the weights are for: edit keeps edits of the cage at most {MAX_EDIT_ROUGHNESS:g} "
+        "times as rough as with the weights before; play only follows the frames.",
+        name="fit_for",
+        meaning="what fitted weights are for",
+        choices=get_args(Use),
+        group=HelpGroup.FIT,
+        excludes=(
+            (
+                "regularization",
+                "the fit is for {use}, but its regularization is {regularization}, which leaves "
+                "nothing to choose: leave one out",
+            ),
+        ),
     )
     rank: int | None = declare_setting(
         None,
@@ -112,6 +175,60 @@ class FitSettings:
 
     def __post_init__(self) -> None:
         check_settings(self)
+
+    @property
+    def strength(self) -> Strength | None:
+        """The strength that is given; None if it is chosen, in part or as a whole."""
+        if self.regularization is None:
+            return None
+        given = DEFAULT_STRENGTH.smoothness if self.smoothness is None else self.smoothness
+        return Strength(self.regularization, given)
+
+
+@dataclass(frozen=True, slots=True)
+class EditRoughness:
+    """How rough edits of the cage are with fitted weights, relative to those before the fit.
+
+    The mean over edits of the norm of the surface's Laplacian of the displacements, relative to
+    that with the weights before. `smooth` edits move a third of the cage about a vertex, `local`
+    ones a sixth.
+    """
+
+    smooth: float
+    local: float
+
+    def __post_init__(self) -> None:
+        for name in ("smooth", "local"):
+            if not getattr(self, name) >= 0:
+                raise SettingError(f"{name} is {getattr(self, name)}, expected zero or above")
+
+    @property
+    def largest(self) -> float:
+        """The larger of both."""
+        return max(self.smooth, self.local)
+
+
+@dataclass(frozen=True, slots=True)
+class TriedStrength:
+    """A strength that was tried: the errors of frames held out, and how rough edits are.
+
+    Attributes
+    ----------
+    regularization, smoothness : float
+        λ and μ.
+    held_out_blocks : float
+        The rms on the blocks held out, in percent of the diagonal.
+    last_third : float or None
+        That on the last third of each clip, of weights fitted to the first two.
+    edits : EditRoughness
+        Of the weights fitted to the other blocks.
+    """
+
+    regularization: float
+    smoothness: float
+    held_out_blocks: float
+    last_third: float | None
+    edits: EditRoughness
 
 
 @dataclass(frozen=True, slots=True)
@@ -188,8 +305,14 @@ class FitReport:
         The norm of ΛW relative to that of the binding's own weights.
     fixed_floats : int
         Numbers that must be stored with the cage animation.
-    curve : tuple of (float, float)
-        Regularizations tried and their errors on held-out blocks, rms in percent of the diagonal.
+    limit : StrengthLimit
+        Why the strength is what it is.
+    ladder : tuple of TriedStrength
+        The strengths tried, the strongest first; none if it was not chosen.
+    edits : EditRoughness or None
+        Of the fitted weights; None in files of an older version.
+    distinct_frames : int or None
+        How many frames of the sample differ; None in files of an older version.
     """
 
     regularization: float
@@ -205,7 +328,10 @@ class FitReport:
     min_weight: float
     roughness: float
     fixed_floats: int
-    curve: tuple[tuple[float, float], ...] = ()
+    limit: StrengthLimit = StrengthLimit.GIVEN
+    ladder: tuple[TriedStrength, ...] = ()
+    edits: EditRoughness | None = None
+    distinct_frames: int | None = None
 
     def __post_init__(self) -> None:
         counts = {
@@ -214,6 +340,7 @@ class FitReport:
             "copied_frames": self.copied_frames,
             "fixed_floats": self.fixed_floats,
             "needed_memory": self.needed_memory or 0,
+            "distinct_frames": self.distinct_frames or 0,
         }
         costs = {"negative_per_row": self.negative_per_row, "roughness": self.roughness}
         for name, value in (counts | costs).items():

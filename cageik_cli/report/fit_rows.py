@@ -5,19 +5,35 @@ from dataclasses import asdict, dataclass
 import numpy as np
 
 from cageik_cli.fit.settings import (
+    MAX_EDIT_ROUGHNESS,
     MAX_HELD_OUT_BLOCKS,
     MAX_HELD_OUT_RATIO,
     MAX_ROUGHNESS,
+    MIN_DISTINCT_FRAMES,
     MIN_STATED_PERCENT,
     Comparison,
     FitRecord,
     FitReport,
+    StrengthLimit,
+    TriedStrength,
 )
 from cageik_cli.report.figures import format_percent
 from cageik_cli.store.result import Result, read_baseline_errors
 from cageik_cli.util.errors import join_truncated
 from cageik_cli.util.messages import Hint, Row, Said, say
 from cageik_cli.util.text import format_bytes, format_count
+
+_STRENGTH_REASONS = {
+    StrengthLimit.FRAMES: f"of fewer than {MIN_DISTINCT_FRAMES} distinct frames, it stays smooth",
+    StrengthLimit.MEMORY: "the memory limit has no room to try others",
+    StrengthLimit.INFLUENCES: "with few influences, it stays smooth",
+    StrengthLimit.EDITS: "a weaker one makes edits of the cage more than "
+    f"{MAX_EDIT_ROUGHNESS:g} times as rough",
+    StrengthLimit.KEPT_ASIDE: "a weaker one follows frames kept aside worse",
+    StrengthLimit.GAIN: "a weaker one follows frames kept aside no better",
+    StrengthLimit.LADDER: "no weaker one is tried",
+}
+"""Why a strength was chosen."""
 
 
 def is_fitted_to_clip(result: Result) -> bool:
@@ -57,6 +73,14 @@ def list_fit_notes(record: FitRecord) -> tuple[Said, ...]:
             f"the memory limit allowed {format_count(report.fitted_frames, 'frame')} to be "
             "fitted; a fit to more of them needs "
             + Hint("memory", format_bytes(report.needed_memory))
+        )
+    if report.limit is StrengthLimit.FRAMES:
+        distinct = format_count(report.distinct_frames or 0, "distinct frame")
+        notes.append(
+            f"the clip has {distinct}, fewer than {MIN_DISTINCT_FRAMES}: too few to choose how "
+            "close a fit may be, so it stays smooth; fit more motion, or "
+            + Hint("fit_for", "play")
+            + " if only these frames are played"
         )
     if held_out is None:
         fitted = format_count(report.fitted_frames, "frame")
@@ -105,27 +129,50 @@ def _list_error_notes(report: FitReport) -> list[Said]:
 
 
 def format_fit_rows(record: FitRecord, is_verbose: bool = False) -> list[Row]:
-    """Return labelled lines on a fit; `is_verbose` shows all regularizations that were tried."""
+    """Return labelled lines on a fit; `is_verbose` shows all strengths that were tried."""
     report, held_out = record.report, record.report.held_out_blocks
-    kept_aside = "none"
+    kept_aside, third = "none", "none"
+    # Of fitted ladders, these frames have chosen the strength.
+    chosen = "; the strength was chosen on these" if report.ladder else ""
     if held_out is not None:
         blocks = min(MAX_HELD_OUT_BLOCKS, max((clip.frames for clip in record.clips), default=0))
-        chosen = "; the regularization was chosen on these" if report.curve else ""
         kept_aside = f"{_format_comparison(held_out)}; every 2nd of {blocks} blocks{chosen}"
-    tried = ", ".join(f"{pull:g}: {format_percent(error)} %" for pull, error in report.curve)
-    curve = [("tried", f"error of frames kept aside, by regularization: {tried}")] if tried else []
+    if report.unseen_third is not None:
+        third = f"{_format_comparison(report.unseen_third)}{chosen}"
+    rows = [("fit", _describe_settings(record))]
+    if report.limit is not StrengthLimit.GIVEN:
+        rows.append(("strength", f"chosen; {_STRENGTH_REASONS[report.limit]}"))
+    if is_verbose:
+        rows += [("tried", _format_tried(one)) for one in report.ladder]
+    if report.edits is not None:
+        rows.append(
+            (
+                "edits",
+                f"of the cage are {report.edits.smooth:.2f} times as rough as with the unfitted "
+                f"weights, local ones {report.edits.local:.2f}",
+            )
+        )
     return [
-        ("fit", _describe_settings(record)),
-        *(curve if is_verbose else []),
+        *rows,
         ("fitted frames", _format_comparison(report.fitted)),
         ("kept aside", kept_aside),
-        ("last third", _format_comparison(report.unseen_third) if report.unseen_third else "none"),
+        ("last third", third),
         (
             "fitted weights",
             f"negative ones sum to {report.negative_per_row:.3f} per vertex, smallest "
             f"{report.min_weight:.3f}, {report.roughness:.2f} times as rough as the unfitted",
         ),
     ]
+
+
+def _format_tried(one: TriedStrength) -> str:
+    """Return a strength, and what it was measured by."""
+    third = "" if one.last_third is None else f", last third {format_percent(one.last_third)} %"
+    return (
+        f"regularization {one.regularization:g}, smoothness {one.smoothness:g}: kept aside "
+        f"{format_percent(one.held_out_blocks)} %{third}, edits {one.edits.smooth:.2f} and "
+        f"{one.edits.local:.2f} times as rough"
+    )
 
 
 def format_fit_line(report: FitReport) -> str:
@@ -147,8 +194,10 @@ def _describe_settings(record: FitRecord) -> str:
     names = join_truncated((clip.name for clip in record.clips), limit=3)
     parts = []
     for name, value in asdict(settings).items():
-        if name == "regularization":
-            parts.append(f"{name} {report.regularization:g}{'' if value else ' (auto)'}")
+        if name in ("regularization", "smoothness"):
+            parts.append(f"{name} {getattr(report, name):g}")
+        elif name == "use":
+            parts += [f"to {value} only"] if value == "play" else []
         elif name == "influences" and value is not None:
             parts.append(format_count(value, "influence"))
         elif value is not None:

@@ -8,7 +8,7 @@ from itertools import chain, tee
 import numpy as np
 
 from cageik_cli.fit.fit import Fitter
-from cageik_cli.fit.settings import DEFAULT_REGULARIZATION, FitSettings
+from cageik_cli.fit.settings import DEFAULT_STRENGTH, FitSettings
 from cageik_cli.formats.base.skeleton import (
     Skin,
     SkinWeights,
@@ -227,7 +227,7 @@ def _fit_rig(
                 labels = tree.cut(joints) if isinstance(joints, int) else None
                 limbs = tree.group_limbs(labels)
             if influences is not None:
-                alternator = fitter.make_alternator(sample, DEFAULT_REGULARIZATION)
+                alternator = fitter.make_alternator(sample, DEFAULT_STRENGTH)
                 held = limit_influences(
                     alternator, sample.target, influences, turns=turns, joints=labels
                 )

@@ -16,9 +16,15 @@ from cageik_cli.fit.settings import FitRecord
 from cageik_cli.formats.base.hdf5 import get_dataset, read_array, read_attribute
 from cageik_cli.method.solve.metrics import are_lengths
 from cageik_cli.method.weights.binding import Binding, Correction
-from cageik_cli.store.hdf5_fields import read_floats, read_optional_record, to_json, write_deflated
+from cageik_cli.store.hdf5_fields import (
+    parse_record,
+    read_floats,
+    read_json_attr,
+    to_json,
+    write_deflated,
+)
 from cageik_cli.util.arrays import Floats, Integers
-from cageik_cli.util.errors import FormatError
+from cageik_cli.util.errors import FormatError, error_context
 
 MAX_STORED_ERROR = float(np.finfo(np.float32).max)
 """Longer errors of vertices, in diagonals, are stored as this."""
@@ -114,8 +120,15 @@ def read_offset_mark(file: h5py.File) -> bool:
 
 def read_fit_record(file: h5py.File) -> FitRecord | None:
     """Read the record of a fit; None if the weights are not fitted."""
-    record = read_optional_record(file, "fit", FitRecord)
-    if record is not None and not record.clips:
+    if "fit" not in file.attrs:
+        return None
+    held = read_json_attr(file, "fit", dict)
+    report = held.get("report")
+    if isinstance(report, dict):
+        report.pop("curve", None)  # what the version before 0.2 had tried
+    with error_context("attribute `fit`"):
+        record: FitRecord = parse_record(FitRecord, held, "fit")
+    if not record.clips:
         raise FormatError("attribute `fit` names no clip that the weights were fitted to")
     return record
 

@@ -5,7 +5,7 @@ import zlib
 from dataclasses import MISSING, asdict, fields, is_dataclass
 from enum import StrEnum
 from types import NoneType, UnionType
-from typing import Any, TypeVar, get_args, get_origin, get_type_hints
+from typing import Any, Literal, TypeVar, get_args, get_origin, get_type_hints
 
 import h5py
 import numpy as np
@@ -246,8 +246,8 @@ def parse_record(kind: Any, value: Any, name: str) -> Any:
     Parameters
     ----------
     kind : type
-        A dataclass of such kinds, `bool`, `int`, `float`, `str`, an enumeration of texts, None, a
-        union, or a tuple of them.
+        A dataclass of such kinds, `bool`, `int`, `float`, `str`, an enumeration or a choice of
+        texts, None, a union, or a tuple of them.
     value : JSON value
         Its numbers are finite.
 
@@ -263,12 +263,14 @@ def parse_record(kind: Any, value: Any, name: str) -> Any:
         return _parse_tuple(kind, value, name)
     if is_dataclass(kind):
         return _parse_dataclass(kind, value, name)
-    if issubclass(kind, StrEnum):
-        if value not in list(kind):
+    choices = get_args(kind) if get_origin(kind) is Literal else ()
+    if choices or issubclass(kind, StrEnum):
+        choices = choices or tuple(kind)
+        if value not in choices:
             raise FormatError(
-                f"`{name}` is {format_value(value)}, expected one of {', '.join(map(str, kind))}"
+                f"`{name}` is {format_value(value)}, expected one of {', '.join(map(str, choices))}"
             )
-        return kind(value)
+        return choices[choices.index(value)]
     is_number = isinstance(value, int | float) and not isinstance(value, bool)
     if kind is float and is_number:
         return float(value)

@@ -17,7 +17,7 @@ import numpy as np
 from cageik_cli import Binding, TriMesh, bind, load_mesh
 from cageik_cli.fit.fit import Fitter
 from cageik_cli.fit.fitted import FittedWeights
-from cageik_cli.fit.settings import FitSettings
+from cageik_cli.fit.settings import DEFAULT_STRENGTH, FitSettings
 from cageik_cli.run.api import extract
 from cageik_cli.util.threads import count_processors, limit_blas_threads
 from tests.fitted import Frames
@@ -54,17 +54,18 @@ def deviations(frames: np.ndarray, binding: Binding) -> str:
 
 
 def errors(name: str, frames: np.ndarray, binding: Binding) -> None:
-    """Held-out frames, at two strengths, against harmonic weights."""
+    """Held-out frames against harmonic weights: a given strength, the default, and to be played."""
     n = binding.weights.shape[1]
     print(f"{name:16} {n:4} harmonic {deviations(frames[1::2], binding)}")
-    for strength in (0.1, 0.01):
-        found, seconds = timed(binding, frames[::2], regularization=strength)
+    for settings in ({"regularization": 0.1}, {}, {"use": "play"}):
+        found, seconds = timed(binding, frames[::2], **settings)
         report, quality = found.report, found.binding.quality
         exactness = max(quality.partition_of_unity, quality.linear_precision)
         print(
-            f"{name:16} {n:4} {strength:8} {deviations(frames[1::2], found.binding)} "
+            f"{name:16} {n:4} {report.regularization:g}, {report.smoothness:g} "
+            f"({report.limit}) {deviations(frames[1::2], found.binding)} "
             f"negative {report.negative_per_row:.4f} smallest {report.min_weight:.3f} "
-            f"roughness {report.roughness:.3f} affine {exactness:.0e} "
+            f"edits {report.edits.smooth:.2f} {report.edits.local:.2f} affine {exactness:.0e} "
             f"blocks {report.held_out_blocks.fitted.rms:.3f} "
             f"third {report.unseen_third.fitted.rms:.3f} "
             f"{seconds:5.2f} s",
@@ -113,7 +114,7 @@ def growth(name: str, frames: np.ndarray, binding: Binding) -> None:
         start = time.perf_counter()
         with limit_blas_threads(1):
             fitter = Fitter(binding, jobs=JOBS)
-            fitter.fit_sample(fitter.sample([Frames(clip)]), 0.1)
+            fitter.fit_sample(fitter.sample([Frames(clip)]), DEFAULT_STRENGTH)
         alone = time.perf_counter() - start
         _, whole = timed(binding, clip)
         m, n = binding.weights.shape

@@ -33,7 +33,7 @@ from scipy.spatial import cKDTree
 
 from cageik_cli.cages.bind import bind
 from cageik_cli.fit.fit import Fitter
-from cageik_cli.fit.settings import DEFAULT_REGULARIZATION, FitSettings
+from cageik_cli.fit.settings import DEFAULT_STRENGTH, FitSettings, Strength
 from cageik_cli.formats.base.sequence import ArraySequence
 from cageik_cli.formats.base.skeleton import Skin, compute_skin_weights
 from cageik_cli.formats.base.writers import Animation
@@ -61,7 +61,7 @@ FEW = 4
 """Influences of fewer joints, and of bones."""
 
 BONES = 24
-REGULARIZATION = 0.03
+STRENGTH = Strength(0.03, 1.0)
 """Of the weights of the cage; it is stated, so that seconds have no search in them."""
 
 TENTHS = 10
@@ -97,7 +97,7 @@ class Model:
         self.frames, self.clip = frames, ArraySequence(frames, rest)
         binding = bind(rest, cage)
         fitter = Fitter(binding, FitSettings())
-        fitted, _ = fitter.fit_sample(fitter.sample([self.clip]), REGULARIZATION)
+        fitted, _ = fitter.fit_sample(fitter.sample([self.clip]), STRENGTH)
         self.binding = replace(binding, weights=fitted.weights)
         self.seconds = process_time() - start
 
@@ -107,7 +107,7 @@ class Model:
         sample = fitter.sample([self.clip])
         tree = group_joints(fitter.cage_solve, sample.target) if turns else None
         joints = None if count is None else tree.cut(count)
-        alternator = fitter.make_alternator(sample, DEFAULT_REGULARIZATION)
+        alternator = fitter.make_alternator(sample, DEFAULT_STRENGTH)
         limited = limit_influences(
             alternator, sample.target, influences, turns=turns, joints=joints
         )

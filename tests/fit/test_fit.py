@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cageik_cli.cages.bind import bind
-from cageik_cli.fit.fit import MAX_HELD_OUT_ROUNDS, Fitter, choose_regularization
+from cageik_cli.fit.fit import MAX_HELD_OUT_ROUNDS, Fitter
 from cageik_cli.fit.problem import estimate_memory
 from cageik_cli.fit.settings import FitSettings
 from cageik_cli.geometry.mesh import TriMesh
@@ -71,10 +71,11 @@ def test_the_report_describes_the_weights():
     assert report.needed_memory is None
 
 
-def test_held_out_frames_do_not_change_what_is_fitted_to_the_others():
+def test_held_out_frames_do_not_change_what_is_fitted_to_the_others(monkeypatch):
     """The error on the last third is that of a fit which never had it."""
     reported = report_of().unseen_third.fitted.rms
-    seen = fit(CLIP[:16], conditions={"max_rounds": MAX_HELD_OUT_ROUNDS})
+    monkeypatch.setattr("cageik_cli.fit.fit.MAX_ROUNDS", MAX_HELD_OUT_ROUNDS)
+    seen = fit(CLIP[:16])
     # The sample of the whole clip has the same frames, so the fits are the same.
     assert extract(CLIP[16:], seen.binding).rms_percent == pytest.approx(reported, rel=1e-6)
 
@@ -127,7 +128,7 @@ def test_missing_vertices_are_ignored(kind):
     assert np.abs(found.binding.weights - fit(**kind).binding.weights).max() > 1e-6
 
 
-@pytest.mark.parametrize("kind", [{}, {"rank": 3}, {"influences": 4}, {"regularization": None}])
+@pytest.mark.parametrize("kind", [{}, {"rank": 3}, {"influences": 4}, {"use": "play"}])
 def test_threads_do_not_change_a_bit(kind):
     one, three = (fit(conditions={"jobs": jobs}, **kind) for jobs in (1, 3))
     np.testing.assert_array_equal(one.binding.weights, three.binding.weights)
@@ -199,18 +200,6 @@ def test_a_fit_to_noise_gains_nothing_on_other_frames():
     assert report.is_gainless
 
 
-def test_the_last_third_does_not_choose_the_regularization():
-    """Only frames that a fit may see choose its regularization."""
-    reported = report_of(regularization=None)
-    seen = report_of(CLIP[:16], regularization=None)
-    assert seen.curve != reported.curve
-    rounds = {"max_rounds": MAX_HELD_OUT_ROUNDS}
-    own = fit(CLIP[:16], conditions=rounds, regularization=seen.regularization)
-    # Its blocks are those of the whole clip, which differ a little from those of its part.
-    error = extract(CLIP[16:], own.binding).rms_percent
-    assert reported.unseen_third.fitted.rms == pytest.approx(error, rel=0.2)
-
-
 def test_few_influences_are_sparse_and_reproduce_the_rest_pose():
     found = fit(influences=4)
     assert np.count_nonzero(found.binding.weights, axis=1).max() <= 4
@@ -233,18 +222,6 @@ def test_few_influences_are_sparse_and_reproduce_the_rest_pose():
 def test_more_influences_are_better():
     rms = [report_of(influences=k).fitted.fitted.rms for k in (2, 4, 8)]
     assert rms[0] > rms[1] > rms[2]
-
-
-def test_auto_chooses_by_the_curve():
-    report = report_of(regularization=None)
-    assert len(report.curve) >= 2
-    assert report.regularization in [strength for strength, _ in report.curve]
-    assert report.regularization == choose_regularization(report.curve)
-
-
-def test_the_strongest_of_nearly_equal_regularizations_is_chosen():
-    assert choose_regularization([(1.0, 0.5), (0.3, 0.21), (0.1, 0.2), (0.03, 0.3)]) == 0.3
-    assert choose_regularization([]) == 0.1
 
 
 def test_several_clips_are_fitted_together():

@@ -156,7 +156,7 @@ def test_weights_in_a_built_cage_are_fitted_unless_that_is_refused(plain):
     built = replace(plain, cage=None, build=BuildSettings(20), resume=True)
     fitted = extract(built)
     assert fitted.fit.settings == FitSettings()
-    assert fitted.settings["fit_regularization"] == 0.1
+    assert fitted.settings["fit_regularization"] == "auto"
     for fit in (None, True, FitSettings()):  # the same run: up to date
         assert Extraction(replace(built, fit=fit)).run().path == fitted.path
     with pytest.raises(CheckpointError, match="other settings"):

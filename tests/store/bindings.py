@@ -7,10 +7,13 @@ import numpy as np
 from cageik_cli.fit.settings import (
     Comparison,
     Distances,
+    EditRoughness,
     FitRecord,
     FitReport,
     FitSettings,
     FittedClip,
+    StrengthLimit,
+    TriedStrength,
 )
 from cageik_cli.method.solve.settings import SolveSettings
 from cageik_cli.method.weights.binding import Binding, Correction
@@ -32,7 +35,13 @@ REPORT = FitReport(
     min_weight=-0.05,
     roughness=1.02,
     fixed_floats=100,
-    curve=((1.0, 0.3), (0.3, 0.2)),
+    limit=StrengthLimit.EDITS,
+    ladder=(
+        TriedStrength(1.0, 1.0, 0.3, 0.4, EditRoughness(1.0, 1.01)),
+        TriedStrength(0.1, 1.0, 0.2, None, EditRoughness(1.2, 1.1)),
+    ),
+    edits=EditRoughness(1.02, 1.01),
+    distinct_frames=24,
 )
 CLIPS = (FittedClip("walk_1.obj ... walk_48.obj", "ab", 48),)
 
@@ -47,7 +56,7 @@ def barycentric_binding(**details: object) -> Binding:
 
 
 def record(**settings: object) -> FitRecord:
-    return FitRecord(FitSettings(None, **settings), SolveSettings(0.01), CLIPS, REPORT)
+    return FitRecord(FitSettings(**settings), SolveSettings(0.01), CLIPS, REPORT)
 
 
 def few_weights(binding: Binding, count: int = 2) -> np.ndarray:

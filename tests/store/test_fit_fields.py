@@ -7,7 +7,7 @@ import h5py
 import numpy as np
 import pytest
 
-from cageik_cli.fit.settings import FitSettings
+from cageik_cli.fit.settings import FitSettings, StrengthLimit
 from cageik_cli.method.solve.summary import VertexBound
 from cageik_cli.method.weights.settings import BindSettings
 from cageik_cli.store import binding_file
@@ -141,8 +141,11 @@ RECORD_DAMAGES = [
     (fit_attribute(["report", "more"], 1), "`fit.report` holds more"),
     (fit_attribute(["settings", "more"], 1), "a newer version of cageik; update"),
     (fit_attribute(["report", "fitted"], 1), "`fit.report.fitted` does not hold"),
-    (fit_attribute(["report", "curve"], [[1, 2, 3]]), "`fit.report.curve[0]` has 3 values"),
-    (fit_attribute(["report", "curve"], 3), "`fit.report.curve` is 3"),
+    (fit_attribute(["report", "ladder"], [[1]]), "`fit.report.ladder[0]` does not hold"),
+    (fit_attribute(["report", "ladder"], 3), "`fit.report.ladder` is 3"),
+    (fit_attribute(["report", "limit"], "taste"), '`fit.report.limit` is "taste", expected one of'),
+    (fit_attribute(["report", "edits", "smooth"], -1.0), "smooth is -1.0"),
+    (fit_attribute(["settings", "use"], "look"), '`fit.settings.use` is "look", expected one of e'),
     (fit_attribute(["settings", "smoothness"], -1.0), "smoothness is -1.0"),
     (fit_attribute(["settings", "influences"], [1]), "`fit.settings.influences` is a list"),
     (fit_attribute(["clips", 0, "name"], 3), "`fit.clips[0].name` is 3"),
@@ -177,12 +180,16 @@ def test_fields_that_an_older_file_lacks_take_their_defaults(tmp_path):
     fit = write_binding(path, "dense").fit
     with h5py.File(path, "r+") as file:
         fit_attribute(["settings", "smoothness"], None)(file)
-        fit_attribute(["report", "curve"], None)(file)
+        for name in ("limit", "ladder", "edits", "distinct_frames"):
+            fit_attribute(["report", name], None)(file)
+        fit_attribute(["report", "curve"], [[1.0, 0.3], [0.3, 0.2]])(file)  # of an older version
         file.attrs["settings"] = "{}"
     found = binding_file.read_binding(path)
     assert found.binding.settings == BindSettings()
     assert found.fit.settings == replace(fit.settings, smoothness=FitSettings().smoothness)
-    assert found.fit.report == replace(fit.report, curve=())
+    assert found.fit.report == replace(
+        fit.report, limit=StrengthLimit.GIVEN, ladder=(), edits=None, distinct_frames=None
+    )
 
 
 def test_a_form_that_the_record_does_not_state_is_refused(tmp_path):

@@ -31,8 +31,8 @@ BIND = ("bind", "--cage", "cage.obj", "--rest", "frames/frame_1.obj")
 @pytest.mark.parametrize("command", [EXTRACT, BIND])
 @pytest.mark.parametrize("name", list_meanings(FitSettings))
 def test_options_of_a_fit_need_one(folder, run, command, name):
-    option = f"--{name.replace('_', '-')}"
-    assert f"{option} is for weights that are fitted" in refused(run, *command, option, "3")
+    option, value = f"--{name.replace('_', '-')}", "play" if name == "fit_for" else "3"
+    assert f"{option} is for weights that are fitted" in refused(run, *command, option, value)
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,14 +52,14 @@ def test_an_option_of_a_fit_is_one_declaration():
         command = add_option(command)
     words = ["--fit-seed", "1234567", "--fit-twice", "--fit-regularization", "auto"]
     command.main(words, standalone_mode=False)
-    settings = ToySettings(**given | {"regularization": None})
+    settings = ToySettings(**given | {"regularization": None, "smoothness": None})
     assert settings == ToySettings(regularization=None, seed=1234567, twice=True)
-    assert {type(settings.seed), type(settings.smoothness)} == {int, float}
-    assert describe_settings(settings) == describe_settings(FitSettings(None)) | {
+    assert type(settings.seed) is int
+    assert describe_settings(settings) == describe_settings(FitSettings()) | {
         "fit_seed": 1234567, "fit_limit": None, "fit_twice": True
     }  # fmt: skip
     (_, text), *_ = format_fit_rows(replace(record(), settings=settings))
-    assert text.startswith("regularization 0.1 (auto), smoothness 1, seed 1234567, twice True; ")
+    assert text.startswith("regularization 0.1, smoothness 1, seed 1234567, twice True; ")
     with pytest.raises(click.BadParameter, match="not a valid integer"):
         command.main(["--fit-seed", "1.5"], standalone_mode=False)
 
@@ -77,6 +77,11 @@ def test_every_setting_of_a_fit_has_a_meaning():
         (("--fit-regularization", "0"), "regularization is 0"),
         (("--fit-regularization", "nan"), "regularization is nan"),
         (("--fit-smoothness", "-1"), "smoothness is -1"),
+        (("--fit-for", "fun"), "'fun' is not one of 'edit', 'play'"),
+        (
+            ("--fit-for", "play", "--fit-regularization", "0.1"),
+            "the fit is for play, but its regularization is 0.1",
+        ),
         (("--fit-rank", "0"), "rank is 0"),
         (("--influences", "0"), "influences is 0"),
         (("--fit-rank", "3", "--influences", "4"), "a fit has one of them"),
@@ -119,14 +124,15 @@ def test_a_binding_is_fitted_with_the_solve_that_is_asked_for(folder, run):
 
 
 def test_a_fit_is_reported_when_it_is_bound_and_described(folder, run):
-    bound = run(*BIND, "--fit", "frames", "--fit-regularization", "auto", "-v")
+    bound = run(*BIND, "--fit", "frames", "--fit-for", "play", "-v")
     assert bound.code == 0, bound.err
     described = run("info", "binding.h5").out
     for text in (bound.err, described):
         for label in ("fit", "fitted frames", "kept aside", "last third", "fitted weights"):
             assert f"\n  {label:<14} " in text, label
         assert "regularization" in text
-    assert "error of frames kept aside, by regularization: 1: " in bound.err
+    assert "\n  tried          regularization 1, smoothness 1: kept aside " in bound.err
+    assert "\n  tried " not in described
     run("extract", "frames", "--binding", "binding.h5", "-q")
     assert "fit_regularization auto" in run("info", "cages.h5").out
 
@@ -171,7 +177,10 @@ def test_each_clip_of_a_batch_has_its_own_fit(folder, run, write_obj, animation)
 def test_a_cage_that_is_built_can_be_fitted(folder, run, coarse_grids):
     outcome = run("extract", "frames", "--fit", "--cage-vertices", "20", "-v")
     assert outcome.code == 0, outcome.err
-    assert "\n  fit            regularization 0.1" in outcome.err
+    assert (
+        "\n  strength       chosen; of fewer than 30 distinct frames, it stays smooth"
+        in outcome.err
+    )
 
 
 @pytest.mark.parametrize(
