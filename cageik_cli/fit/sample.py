@@ -15,7 +15,7 @@ from cageik_cli.util.arrays import Floats, Integers, Mask, count_frames
 from cageik_cli.util.errors import ConnectivityError, InputError, MissingFrameError
 from cageik_cli.util.threads import OrderedMap
 
-MAX_FITTED_FRAMES = 100
+MAX_FITTED_FRAMES = 200
 """Frames that weights are fitted to; more hardly lower the error of the others."""
 
 MIN_FITTED_FRAMES = 10

@@ -349,9 +349,12 @@ class FitReport:
 
     @property
     def is_overfitted(self) -> bool:
-        """Return whether the error of held-out frames is far above that of the fitted ones."""
+        """Return whether the error of held-out frames is far above that of the fitted ones.
+
+        It is not if the strength was chosen by these frames: a stronger fit follows them worse.
+        """
         held_out = self.held_out_blocks
-        if held_out is None:
+        if held_out is None or self.ladder:
             return False
         largest = max(MAX_HELD_OUT_RATIO * self.fitted.fitted.rms, MIN_STATED_PERCENT)
         return held_out.fitted.rms > largest

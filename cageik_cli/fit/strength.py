@@ -46,21 +46,18 @@ class Rung(NamedTuple):
     rounds: int = 2
 
 
-LADDER = tuple(
-    Rung(Strength(*pair))
-    for pair in (
-        (1.0, 1.0),
-        (0.1, 1.0),
-        (0.01, 1.0),
-        (0.003, 1.0),
-        (0.003, 0.3),
-        (0.003, 0.1),
-        (0.003, 0.03),
-        (0.003, 0.01),
-        (0.001, 0.001),
-    )
+LADDER = (
+    Rung(Strength(1.0, 1.0), rounds=1),
+    Rung(Strength(0.1, 1.0)),
+    Rung(Strength(0.01, 1.0)),
+    Rung(Strength(0.003, 1.0)),
+    Rung(Strength(0.003, 0.3)),
+    Rung(Strength(0.003, 0.1)),
+    Rung(Strength(0.003, 0.03)),
+    Rung(Strength(0.003, 0.01)),
+    Rung(Strength(0.001, 0.001)),
 )
-"""Strengths, the strongest first, two rounds at each.
+"""Strengths, the strongest first, with two rounds at each but that.
 
 The pull falls first, and the smoothness from 0.003 on: on four clips, that has the smallest error
 for edits that are as rough. Below 0.003, motion that was not seen is followed worse on some. With
