@@ -72,7 +72,7 @@ def fit_weights(
     vertex_weights : (m,) or "area", optional
         Weights of the vertices; 0 marks missing data. Or each vertex counts by its area.
     memory : int
-        Limit in bytes for the weights and the frames that they are fitted to, at most 100.
+        Limit in bytes for the weights and the frames that they are fitted to, at most 200.
     jobs : int, optional
         Threads; as many as there are processors by default. They do not change the weights.
 
