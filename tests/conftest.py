@@ -17,6 +17,7 @@ from hypothesis import settings
 
 from cageik_cli.cages.builder import build
 from cageik_cli.cli import main
+from cageik_cli.formats.usd.writer import UsdWriter
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.inputs import weights
 from cageik_cli.method.weights import harmonic
@@ -67,6 +68,32 @@ def unsynced_files() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as monkeypatch:
         monkeypatch.setattr("os.fsync", os.fstat)
         yield
+
+
+@pytest.fixture(scope="session")
+def validated_usd() -> Iterator[list[str]]:
+    """What USD's own validators say of the files that are written in this process."""
+    faults: list[str] = []
+    complete = UsdWriter.complete
+
+    def complete_and_validate(writer: UsdWriter) -> None:
+        from tests.formats.clips import faults_of  # USD is slow to import
+
+        complete(writer)
+        faults.extend(f"{writer._target.name}: {fault}" for fault in faults_of(writer._target))
+
+    with pytest.MonkeyPatch.context() as monkeypatch:
+        monkeypatch.setattr(UsdWriter, "complete", complete_and_validate)
+        yield faults
+
+
+@pytest.fixture(autouse=True)
+def usd_faults(validated_usd) -> Iterator[list[str]]:
+    """No test writes a USD file that USD finds a fault with, unless it expects that."""
+    yield validated_usd
+    found = validated_usd.copy()
+    validated_usd.clear()
+    assert not found
 
 
 @pytest.fixture(scope="session")

@@ -29,7 +29,7 @@ from cageik_cli.formats.base.scene_graph import (
     SceneReader,
     round_frame_step,
 )
-from cageik_cli.formats.base.writers import Animation, AnimationWriter, to_float32
+from cageik_cli.formats.base.writers import SHAPE_SUFFIX, Animation, AnimationWriter, to_float32
 from cageik_cli.formats.settings import SceneHints, find_frame_step
 from cageik_cli.geometry.attributes import LAYERS, FaceLabels, SurfaceAttributes
 from cageik_cli.geometry.mesh import TriMesh
@@ -50,9 +50,6 @@ PARAMETERS = {"uvs": "getUVsParam", "normal_fans": "getNormalsParam"}
 
 FPS_KEY = "cageik_fps"
 """Where a mesh states the frame rate. The archive could only state it together with the time."""
-
-SHAPE_SUFFIX = "Shape"
-"""What is added to the name of a mesh that is below a transform of its own name."""
 
 SAME_TIME_TOL = 1e-6
 """Times that differ by less than this share of a step are one: seconds of other rates round."""

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.rotations import nearest_rotations_by_svd
@@ -28,6 +29,9 @@ JOINT_TEXT_BYTES = 600
 
 CAGE_KEY = "cage"
 """Files have the aliases of joints by this key of what is not interpreted."""
+
+MIN_JOINT_REACH = 1e-9
+"""How far a joint moves a vertex, at least: a share, or a share of the size of the model."""
 
 HEADING_LIMITS = (0.3, 0.6)
 """Cosines of half the lean of a body: it has its heading from the second on, and none below the
@@ -248,6 +252,72 @@ class Skeleton:
         self._heading += share * np.arctan2(np.sin(step), np.cos(step))  # the short way
         turn = Rotation.from_rotvec(self._heading * np.eye(3)[self._up])
         return np.asarray(turn.as_matrix().T)
+
+
+class PosedSkin:
+    """Vertices at rest, (m, 3), with weights (m, n), below the joints of a skeleton."""
+
+    def __init__(
+        self,
+        vertices: NDArray[np.floating],
+        weights: "sparse.csr_array",
+        bind_places: Floats,
+        skeleton: Skeleton,
+    ) -> None:
+        self.vertices, self._weights, self._skeleton = (
+            vertices.astype(np.float64),
+            weights,
+            skeleton,
+        )
+        self._bind_places = bind_places
+
+    def pose(self, moves: Floats, turns: Floats) -> Floats:
+        """Return the vertices (k, m, 3), for translations (k, J, 3) and quaternions (k, T, 4)."""
+        from scipy.spatial.transform import Rotation
+
+        skeleton, (count, joint_count, _) = self._skeleton, moves.shape
+        local = np.tile(np.eye(3), (count, joint_count, 1, 1))
+        matrices = Rotation.from_quat(turns.reshape(-1, 4)).as_matrix().swapaxes(1, 2)
+        local[:, : turns.shape[1]] = matrices.reshape(count, -1, 3, 3)
+        places, rotations = moves.copy(), local
+        for j, parent in enumerate(skeleton.parents.tolist()):
+            if parent >= 0:
+                places[:, j] = (moves[:, j, None] @ rotations[:, parent])[:, 0] + places[:, parent]
+                rotations[:, j] = local[:, j] @ rotations[:, parent]
+        rotations, places = rotations[:, skeleton.lead :], places[:, skeleton.lead :]
+        shifts = places - np.einsum("na,knab->knb", self._bind_places, rotations)
+        posed = self._multiply(shifts)
+        for axis in range(3):
+            posed += self.vertices[:, axis, None] * self._multiply(rotations[:, :, axis])
+        return posed.reshape(len(self.vertices), count, 3).swapaxes(0, 1)
+
+    def measure_reach(self) -> tuple[Floats, Floats]:
+        """Return how far a vertex can move by a unit of each joint's translation and rotation.
+
+        They are (J,) each: at most 1, and the distance of what follows the joint. What hardly moves
+        a vertex counts as if it moved one by `MIN_JOINT_REACH`.
+        """
+        skeleton, count = self._skeleton, len(self._skeleton.parents)
+        entries = self._weights.tocoo()
+        arms = self.vertices[entries.row] - self._bind_places[entries.col]
+        moves, turns = np.zeros(count), np.zeros(count)
+        numbers = skeleton.lead + entries.col
+        np.maximum.at(moves, numbers, entries.data)
+        np.maximum.at(turns, numbers, entries.data * np.linalg.norm(arms, axis=1))
+        reach = np.zeros(count)
+        np.maximum.at(reach, numbers, np.linalg.norm(arms, axis=1))
+        for j in range(count - 1, 0, -1):  # what is above moves all that is below
+            parent = int(skeleton.parents[j])
+            far = reach[j] + np.linalg.norm(skeleton.rest_translations[j])
+            reach[parent] = turns[parent] = max(reach[parent], far)
+            moves[parent] = 1
+        size = float(np.linalg.norm(np.ptp(self.vertices, axis=0)))
+        least = MIN_JOINT_REACH * (size or 1.0)
+        return np.maximum(moves, MIN_JOINT_REACH), np.maximum(turns, least)
+
+    def _multiply(self, values: Floats) -> Floats:
+        """Return the weights times values of the joints, (k, n, 3), as (m, 3k)."""
+        return np.asarray(self._weights @ values.swapaxes(0, 1).reshape(values.shape[1], -1))
 
 
 def _list_aliases(skin: Skin, count: int) -> list[str]:

@@ -21,6 +21,9 @@ from cageik_cli.util.errors import OutputError, SettingError
 from cageik_cli.util.messages import Hint, Said
 from cageik_cli.util.text import number_names
 
+SHAPE_SUFFIX = "Shape"
+"""What is added to the name of a part for its mesh, if the part is a transform above that."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Animation:

@@ -11,12 +11,12 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cageik_cli.formats.base.skeleton import CAGE_KEY, Skeleton, Skin, SkinWeights
+from cageik_cli.formats.base.skeleton import CAGE_KEY, PosedSkin, Skeleton, Skin, SkinWeights
 from cageik_cli.formats.base.writers import Animation, choose_short_names, to_float32
 from cageik_cli.formats.gltf.file import (
     GlbWriter,
@@ -31,9 +31,6 @@ from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import OutputError
 from cageik_cli.util.messages import Hint, say
 from cageik_cli.util.text import format_count
-
-if TYPE_CHECKING:
-    from scipy import sparse
 
 SET_SIZE = 4
 """Joints per vertex in one set of attributes; programs read one set or two."""
@@ -55,9 +52,6 @@ QUANTIZATION = "KHR_mesh_quantization"
 
 ReadFrames = Callable[[int, int], tuple[Floats, Floats]]
 """Returns translations (k, J, 3) and quaternions (k, T, 4) of frames from the first number on."""
-
-MIN_JOINT_REACH = 1e-9
-"""How far a joint moves a vertex, at least: a share, or a share of the size of the model."""
 
 FRAMES_PER_BLOCK = 16
 """Frames that are posed together."""
@@ -183,7 +177,7 @@ class SkeletonWriter(GlbWriter):
         return tracks
 
     def _reduce_tracks(
-        self, exact: "PosedSkin", written: "PosedSkin", limit: float
+        self, exact: PosedSkin, written: PosedSkin, limit: float
     ) -> "list[Track] | None":
         """Leave out keys as long as no vertex moves by more than `limit`; None if that is none.
 
@@ -211,7 +205,7 @@ class SkeletonWriter(GlbWriter):
             share *= min(0.7, 0.9 * limit / largest)
         return None
 
-    def _pose_skins(self, vertices: Integers) -> "tuple[PosedSkin, PosedSkin]":
+    def _pose_skins(self, vertices: Integers) -> tuple[PosedSkin, PosedSkin]:
         """Return some vertices of the skin, as it is and as it is written."""
         count = len(self._animation.rest.vertices)
         places = self._bind_places[self._skeleton.lead :]
@@ -382,72 +376,6 @@ def _round_weights(values: Floats) -> NDArray[np.uint16]:
     missing = np.rint(most - found.sum(axis=1, keepdims=True)).astype(np.int64)
     ranks = np.argsort(np.argsort(found - scaled, axis=1, kind="stable"), axis=1)
     return np.asarray(found + (ranks < missing)).astype(np.uint16)
-
-
-class PosedSkin:
-    """Vertices at rest, (m, 3), with weights (m, n), below the joints of a skeleton."""
-
-    def __init__(
-        self,
-        vertices: NDArray[np.floating],
-        weights: "sparse.csr_array",
-        bind_places: Floats,
-        skeleton: Skeleton,
-    ) -> None:
-        self.vertices, self._weights, self._skeleton = (
-            vertices.astype(np.float64),
-            weights,
-            skeleton,
-        )
-        self._bind_places = bind_places
-
-    def pose(self, moves: Floats, turns: Floats) -> Floats:
-        """Return the vertices (k, m, 3), for translations (k, J, 3) and quaternions (k, T, 4)."""
-        from scipy.spatial.transform import Rotation
-
-        skeleton, (count, joint_count, _) = self._skeleton, moves.shape
-        local = np.tile(np.eye(3), (count, joint_count, 1, 1))
-        matrices = Rotation.from_quat(turns.reshape(-1, 4)).as_matrix().swapaxes(1, 2)
-        local[:, : turns.shape[1]] = matrices.reshape(count, -1, 3, 3)
-        places, rotations = moves.copy(), local
-        for j, parent in enumerate(skeleton.parents.tolist()):
-            if parent >= 0:
-                places[:, j] = (moves[:, j, None] @ rotations[:, parent])[:, 0] + places[:, parent]
-                rotations[:, j] = local[:, j] @ rotations[:, parent]
-        rotations, places = rotations[:, skeleton.lead :], places[:, skeleton.lead :]
-        shifts = places - np.einsum("na,knab->knb", self._bind_places, rotations)
-        posed = self._multiply(shifts)
-        for axis in range(3):
-            posed += self.vertices[:, axis, None] * self._multiply(rotations[:, :, axis])
-        return posed.reshape(len(self.vertices), count, 3).swapaxes(0, 1)
-
-    def measure_reach(self) -> tuple[Floats, Floats]:
-        """Return how far a vertex can move by a unit of each joint's translation and rotation.
-
-        They are (J,) each: at most 1, and the distance of what follows the joint. What hardly moves
-        a vertex counts as if it moved one by `MIN_JOINT_REACH`.
-        """
-        skeleton, count = self._skeleton, len(self._skeleton.parents)
-        entries = self._weights.tocoo()
-        arms = self.vertices[entries.row] - self._bind_places[entries.col]
-        moves, turns = np.zeros(count), np.zeros(count)
-        numbers = skeleton.lead + entries.col
-        np.maximum.at(moves, numbers, entries.data)
-        np.maximum.at(turns, numbers, entries.data * np.linalg.norm(arms, axis=1))
-        reach = np.zeros(count)
-        np.maximum.at(reach, numbers, np.linalg.norm(arms, axis=1))
-        for j in range(count - 1, 0, -1):  # what is above moves all that is below
-            parent = int(skeleton.parents[j])
-            far = reach[j] + np.linalg.norm(skeleton.rest_translations[j])
-            reach[parent] = turns[parent] = max(reach[parent], far)
-            moves[parent] = 1
-        size = float(np.linalg.norm(np.ptp(self.vertices, axis=0)))
-        least = MIN_JOINT_REACH * (size or 1.0)
-        return np.maximum(moves, MIN_JOINT_REACH), np.maximum(turns, least)
-
-    def _multiply(self, values: Floats) -> Floats:
-        """Return the weights times values of the joints, (k, n, 3), as (m, 3k)."""
-        return np.asarray(self._weights @ values.swapaxes(0, 1).reshape(values.shape[1], -1))
 
 
 def measure_change(

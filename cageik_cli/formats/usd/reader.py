@@ -1,5 +1,6 @@
 """A clip in USD: meshes whose points, transforms or rigs have time samples, and their surfaces."""
 
+from collections import Counter
 from contextlib import AbstractContextManager
 from dataclasses import replace
 from functools import cached_property
@@ -48,6 +49,9 @@ MAX_TIME_CODES = 100_000
 LIBRARY_KEY = "materialLibrary"
 """Where the custom data of a mesh names the file of its materials, as an OBJ file does."""
 
+PART_KEY = "isParentPart"
+"""Where the custom data of a mesh states that its parent has the name of the part."""
+
 PRIMVARS = {
     "uvs": ("st",),
     "normal_fans": ("normals",),
@@ -77,20 +81,25 @@ class Reader(SceneReader):
 
     def list_meshes(self, path: Path) -> tuple[dict[str, Any], dict[str, str]]:
         """Open the stage, whose files are checked first."""
-        from pxr import Usd, UsdGeom
+        from pxr import Usd
 
         _ = check_layers(path)  # held, so that they are not read twice
         self._stage = Usd.Stage.Open(str(path))
         prims = list(Usd.PrimRange.Stage(self._stage, Usd.TraverseInstanceProxies()))
         self._claimed = ClaimedBytes(sum(file.stat().st_size for file in self.files))
         self._rigs = Rigs(self._claimed)
-        meshes = {str(prim.GetPath()): prim for prim in prims if prim.IsA(UsdGeom.Mesh)}
+        self._names = _name_parts(prims)
+        meshes = {name: self._stage.GetPrimAtPath(path) for path, name in self._names.items()}
         scattered = _list_scattered(prims)
         reasons = {
-            path: _find_scattered_reason(prim, scattered) or _find_hidden_reason(prim)
-            for path, prim in meshes.items()
+            name: _find_scattered_reason(prim, scattered) or _find_hidden_reason(prim)
+            for name, prim in meshes.items()
         }
-        return meshes, {path: why for path, why in reasons.items() if why}
+        return meshes, {name: why for name, why in reasons.items() if why}
+
+    def find_top(self, member: str | None) -> str | None:
+        """Return the part of a mesh that is named by its own path."""
+        return self._names.get(member, member) if member else member
 
     def open_mesh(self, found: Any) -> "UsdSceneMesh":
         """Open a prim, and find the rig that poses it."""
@@ -245,6 +254,25 @@ def _read_array(attribute: Any, time: float, dtype_kind: str, shape: tuple[int, 
             "export it again"
         )
     return array
+
+
+def _name_parts(prims: list[Any]) -> dict[str, str]:
+    """Return the names of parts by the paths of their meshes: these paths, or those of parents.
+
+    A mesh may state that its parent has the name of the part; no other has that name. Parts are in
+    the order of the prims that have their names.
+    """
+    from pxr import UsdGeom
+
+    places = {str(prim.GetPath()): k for k, prim in enumerate(prims)}
+    names = {str(prim.GetPath()): str(prim.GetPath()) for prim in prims if prim.IsA(UsdGeom.Mesh)}
+    stating = [path for path in names if prims[places[path]].GetCustomDataByKey(PART_KEY) is True]
+    parents = {path: path.rpartition("/")[0] for path in stating}
+    counts = Counter([*names, *parents.values()])
+    names |= {
+        path: parent for path, parent in parents.items() if counts[parent] == 1 and parent in places
+    }
+    return dict(sorted(names.items(), key=lambda item: places[item[1]]))
 
 
 def _list_scattered(prims: list[Any]) -> dict[str, str]:

@@ -6,9 +6,10 @@ groups and subdivision. Gaussian splats are a ParticleField3DGaussianSplat, whic
 """
 
 import zipfile
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
+from itertools import accumulate
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -16,9 +17,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cageik_cli.formats.base.files import require_unicode
-from cageik_cli.formats.base.skeleton import CAGE_KEY, Skeleton, Skin, SkinWeights
+from cageik_cli.formats.base.files import ClaimedBytes, require_unicode
+from cageik_cli.formats.base.skeleton import CAGE_KEY, PosedSkin, Skeleton, Skin, SkinWeights
 from cageik_cli.formats.base.writers import (
+    SHAPE_SUFFIX,
     Animation,
     AnimationWriter,
     choose_scene_paths,
@@ -29,8 +31,16 @@ from cageik_cli.formats.base.writers import (
 from cageik_cli.formats.npz import fixed_date_zipinfo
 from cageik_cli.formats.ply_points import COLOURS, SCALES, TURNS, PointFile, rest_names
 from cageik_cli.formats.usd.library import USD_SUFFIXES, capture_diagnostics, require_usd
-from cageik_cli.formats.usd.reader import LIBRARY_KEY, PRIMVARS
-from cageik_cli.geometry.attributes import LAYERS, NONE, FaceLabels, SurfaceAttributes, UvMap
+from cageik_cli.formats.usd.reader import PART_KEY, UsdSceneMesh
+from cageik_cli.formats.usd.skinning import Rigs
+from cageik_cli.formats.usd.surface import (
+    UsdMaterials,
+    to_floats,
+    to_ints,
+    write_layers,
+    write_materials,
+    write_subsets,
+)
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.parts import Part, split_parts
 from cageik_cli.geometry.shape import (
@@ -40,7 +50,7 @@ from cageik_cli.geometry.shape import (
     shade_smoothly,
 )
 from cageik_cli.method.points.oriented import REST_COUNTS
-from cageik_cli.util.arrays import Floats, Integers
+from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import MissingLibraryError, OutputError
 from cageik_cli.util.text import number_names
 
@@ -50,6 +60,12 @@ keeps in memory until the end."""
 
 MAX_USDZ_BYTES = 1 << 32
 """Bytes of a `.usdz`: a zip file without the extension for large files."""
+
+MAX_CHECKED_FRAMES = 16
+"""Frames of a skeleton that are read back when it is written, evenly spread, at most."""
+
+MAX_SKIN_CHANGE = 1e-3
+"""A skin that USD poses differently is noted above it, in percent of the diagonal."""
 
 SPLAT_SCHEMA = "ParticleField3DGaussianSplat"
 
@@ -178,29 +194,29 @@ class Writer(UsdWriter):
 class UsdMesh:
     """A mesh prim with the faces and the attributes of a mesh, and no points yet."""
 
-    def __init__(self, stage: Any, path: str, mesh: TriMesh, materials: "UsdMaterials") -> None:
+    def __init__(self, stage: Any, path: str, mesh: TriMesh, materials: UsdMaterials) -> None:
         from pxr import UsdGeom
 
         self.prim = UsdGeom.Mesh.Define(stage, path)
         self.prim.CreateOrientationAttr(UsdGeom.Tokens.rightHanded)
         attributes = mesh.polygons
-        self.prim.CreateFaceVertexCountsAttr(_to_ints(attributes.corner_counts))
-        self.prim.CreateFaceVertexIndicesAttr(_to_ints(attributes.corners))
+        self.prim.CreateFaceVertexCountsAttr(to_ints(attributes.corner_counts))
+        self.prim.CreateFaceVertexIndicesAttr(to_ints(attributes.corners))
         self._shaded = attributes if count_normals(mesh) else None
         subdivision = attributes.subdivision
         # By default, a mesh is subdivided by Catmull and Clark.
         self.prim.CreateSubdivisionSchemeAttr(subdivision.scheme)
         if len(subdivision.crease_lengths):
-            self.prim.CreateCreaseIndicesAttr(_to_ints(subdivision.crease_vertices))
-            self.prim.CreateCreaseLengthsAttr(_to_ints(subdivision.crease_lengths))
-            self.prim.CreateCreaseSharpnessesAttr(_to_floats(subdivision.crease_sharpness))
+            self.prim.CreateCreaseIndicesAttr(to_ints(subdivision.crease_vertices))
+            self.prim.CreateCreaseLengthsAttr(to_ints(subdivision.crease_lengths))
+            self.prim.CreateCreaseSharpnessesAttr(to_floats(subdivision.crease_sharpness))
         if len(subdivision.corner_vertices):
-            self.prim.CreateCornerIndicesAttr(_to_ints(subdivision.corner_vertices))
-            self.prim.CreateCornerSharpnessesAttr(_to_floats(subdivision.corner_sharpness))
-        _write_layers(self.prim, attributes)
-        _write_materials(self.prim, attributes, materials)
+            self.prim.CreateCornerIndicesAttr(to_ints(subdivision.corner_vertices))
+            self.prim.CreateCornerSharpnessesAttr(to_floats(subdivision.corner_sharpness))
+        write_layers(self.prim, attributes)
+        write_materials(self.prim, attributes, materials)
         if attributes.groups is not None:
-            _write_subsets(self.prim, attributes.groups, "groups")
+            write_subsets(self.prim, attributes.groups, "groups")
         if self._shaded is not None:
             self._is_by_vertex = has_vertex_normals(attributes)
             tokens = UsdGeom.Tokens
@@ -235,29 +251,47 @@ def define_parts(
     from pxr import Sdf, UsdGeom
 
     stage, paths = writer.stage, choose_prim_paths([part.name for part in parts], animation.name)
-    writer.root = str(Sdf.Path(paths[0]).GetPrefixes()[0])
+    places = place_meshes(paths)
+    prefixes = [list(map(str, Sdf.Path(place).GetPrefixes())) for place in places]
+    writer.root = prefixes[0][0]
     stage.SetDefaultPrim(stage.OverridePrim(writer.root))
     overlays = [is_cache and part.name.startswith("/") for part in parts]
     # Nothing can be behind a mesh that is above it.
-    is_over_asset = any(overlays) and writer.root not in paths
-    materials = UsdMaterials(stage, writer.root, taken=paths, is_over_asset=is_over_asset)
+    is_over_asset = any(overlays) and writer.root not in places
+    taken = {prefix for each in prefixes for prefix in each}
+    materials = UsdMaterials(stage, writer.root, taken=taken, is_over_asset=is_over_asset)
     meshes = []
-    for path, part in zip(paths, parts, strict=True):
-        for above in Sdf.Path(path).GetPrefixes()[:-1]:
+    for path, part, (*above, place) in zip(paths, parts, prefixes, strict=True):
+        for prefix in above:
             # If a mesh were the default prim, the type of a referencing prim would hide it.
-            if str(above) not in paths:
-                UsdGeom.Xform.Define(stage, above)
-        meshes.append(UsdMesh(stage, path, part.own_mesh, materials))
+            UsdGeom.Xform.Define(stage, prefix)
+        meshes.append(UsdMesh(stage, place, part.own_mesh, materials))
+        if place != path:
+            meshes[-1].prim.GetPrim().SetCustomDataByKey(PART_KEY, True)
         if part.name == animation.guide:
             meshes[-1].prim.CreatePurposeAttr(UsdGeom.Tokens.guide)
     transforms = {path: part.transform for path, part in zip(paths, parts, strict=True)}
-    for mesh, part, is_overlay in zip(meshes, parts, overlays, strict=True):
-        _place_part(mesh.prim, part, transforms, is_overlay=is_overlay)
+    for path, part, is_overlay in zip(paths, parts, overlays, strict=True):
+        prim = UsdGeom.Xformable(stage.GetPrimAtPath(path))
+        _place_part(prim, part, transforms, is_overlay=is_overlay)
     return meshes
 
 
-def _place_part(mesh: Any, part: Part, transforms: dict[str, Floats], *, is_overlay: bool) -> None:
-    """Give a mesh the transform of its part.
+def place_meshes(paths: Sequence[str]) -> list[str]:
+    """Return where the meshes of parts are, which are at these paths.
+
+    USD allows no mesh below another, and skins none there. So a part that others are below is a
+    transform, whose mesh is beside them.
+    """
+    uppers = {upper for path in paths for upper in accumulate(path.split("/")[:-1], "{}/{}".format)}
+    moved = [path for path in paths if path in uppers]
+    wanted = (f"{path}/{path.rpartition('/')[2]}{SHAPE_SUFFIX}" for path in moved)
+    placed = dict(zip(moved, number_names(wanted, uppers.union(paths)), strict=True))
+    return [placed.get(path, path) for path in paths]
+
+
+def _place_part(prim: Any, part: Part, transforms: dict[str, Floats], *, is_overlay: bool) -> None:
+    """Give what is at the path of a part, its mesh or what is above that, the part's transform.
 
     An overlay can be laid over the asset that it came from. It leaves the transforms of what it is
     below, of which the file alone has none, and is no instance. If it is below another
@@ -270,21 +304,21 @@ def _place_part(mesh: Any, part: Part, transforms: dict[str, Floats], *, is_over
     """
     from pxr import Gf, UsdGeom
 
-    *above, own = mesh.GetPath().GetPrefixes()
+    *above, own = prim.GetPath().GetPrefixes()
     uppers = [k for k, path in enumerate(above) if str(path) in transforms]
     matrix = part.transform
     if uppers:
         matrix = matrix @ np.linalg.inv(transforms[str(above[uppers[-1]])])
     if is_overlay:
-        stage = mesh.GetPrim().GetStage()
+        stage = prim.GetPrim().GetStage()
         for path in (*above[uppers[-1] + 1 :], own) if uppers else ():
             UsdGeom.Xformable(stage.GetPrimAtPath(path)).ClearXformOpOrder()
         for path in above:
             stage.GetPrimAtPath(path).SetInstanceable(False)
     if not np.array_equal(matrix, np.eye(4)):
-        mesh.MakeMatrixXform().Set(Gf.Matrix4d(matrix))
+        prim.MakeMatrixXform().Set(Gf.Matrix4d(matrix))
     if is_overlay and not uppers:
-        mesh.SetResetXformStack(True)
+        prim.SetResetXformStack(True)
 
 
 def choose_prim_paths(names: Sequence[str], root: str) -> list[str]:
@@ -337,13 +371,19 @@ class SkeletonWriter(UsdWriter):
         moving = count_frame_bytes(animation.rest) if has_cage else 0
         joint_bytes = 12 + 16  # a translation and a rotation in single precision
         self.open_stage(target, animation, moving + joint_bytes * len(self._skeleton.names))
+        count = animation.frame_count
+        self._checked = set(np.linspace(0, count - 1, min(count, MAX_CHECKED_FRAMES)).astype(int))
+        self._moves: list[tuple[float, Floats, Floats]] = []
+        self._skin = replace(skin, rest=rest)
         with capture_diagnostics(OSError):
             meshes = define_parts(self, animation, parts, is_cache=False)
             self._cage_mesh = meshes.pop() if has_cage else None
             self._define_skeleton()
+            self._places: list[tuple[str, slice]] = []
             for mesh, part in zip(meshes, parts, strict=False):
                 mesh.write_positions(part.mesh.vertices)
                 self._bind_mesh(mesh.prim, skin.weights, part.vertices)
+                self._places.append((str(mesh.prim.GetPath()), part.vertices))
 
     def append(self, frames: Floats) -> None:
         """Write the cages of the next k frames, (k, n, 3)."""
@@ -353,12 +393,54 @@ class SkeletonWriter(UsdWriter):
         turns[:, 3] = 1
         for cage, (places, found) in zip(frames, self._skeleton.advance(frames), strict=True):
             time, translations = self.begin_frame(), to_float32(places)
+            if self._frame_count - 1 in self._checked:
+                self._moves.append((time, places, found.copy()))
             turns[: len(found)] = found
             with capture_diagnostics(OSError):
                 self._translations.Set(Vt.Vec3fArray.FromNumpy(translations), time)
                 self._turns.Set(Vt.QuatfArray.FromNumpy(turns), time)
                 if self._cage_mesh is not None:
                     self._cage_mesh.write_positions(cage, time)
+
+    def complete(self) -> None:
+        """Close the file, and note how far USD's own skinning of it is from what was given."""
+        super().complete()
+        rest, weights = self._skin.rest, self._skin.weights
+        tree, used = self._skeleton, rest.used_vertices
+        bound = tree.bind_places[tree.lead :]
+        exact = PosedSkin(rest.vertices, weights.to_sparse(len(bound)), bound, tree)
+        squares = largest = 0.0
+        for (_, places, turns), found in zip(self._moves, self._read_written(), strict=True):
+            apart = found - exact.pose(places[None], turns[None])[0]
+            distances = np.square(apart[used]).sum(axis=1)
+            squares += float(distances.mean()) / len(self._moves)
+            largest = max(largest, float(distances.max()))
+        rms, largest = (100 * float(np.sqrt(each)) / rest.diagonal for each in (squares, largest))
+        if largest > MAX_SKIN_CHANGE:
+            note = (
+                f"as USD poses the file, vertices are off by an rms of {rms:.2g} % of the "
+                f"diagonal, {largest:.2g} % at most"
+            )
+            if self._skin.error is not None:
+                note += f"; against the input, the rms is at most {self._skin.error + rms:.2g} %"
+            self.notes += (note,)
+
+    def _read_written(self) -> Iterator[Floats]:
+        """Yield the mesh (m, 3) of the frames that are checked, as USD poses them in the file."""
+        from pxr import Usd
+
+        with capture_diagnostics(OSError):
+            stage = Usd.Stage.Open(str(self._target))
+            claimed = ClaimedBytes(self._target.stat().st_size)
+            rigs = Rigs(claimed)
+            meshes = [
+                UsdSceneMesh(stage.GetPrimAtPath(place), claimed, rigs) for place, _ in self._places
+            ]
+            for time, _, _ in self._moves:
+                found = np.empty_like(self._skin.rest.vertices)
+                for mesh, (_, vertices) in zip(meshes, self._places, strict=True):
+                    found[vertices] = mesh.read_moved(time)
+                yield found
 
     def _define_skeleton(self) -> None:
         """Define the joints, which are named by the paths to them."""
@@ -421,165 +503,6 @@ def count_normals(mesh: TriMesh) -> int:
     shaded = mesh.shaded
     is_limit = shaded is not None and shaded.subdivision.scheme != "none"
     return 0 if shaded is None or is_limit else len(shaded.corners)
-
-
-def _to_ints(values: Integers) -> Any:
-    from pxr import Vt
-
-    return Vt.IntArray.FromNumpy(np.ascontiguousarray(values, np.int32))
-
-
-def _to_floats(values: Floats) -> Any:
-    from pxr import Vt
-
-    return Vt.FloatArray.FromNumpy(to_float32(values))
-
-
-def _write_layers(prim: Any, attributes: SurfaceAttributes) -> None:
-    """Write UVs and colours; normals move with the points."""
-    from pxr import Sdf, UsdGeom, Vt
-
-    primvars, tokens = UsdGeom.PrimvarsAPI(prim), UsdGeom.Tokens
-    for name, places in PRIMVARS.items():
-        held = getattr(attributes, name)
-        if isinstance(held, UvMap):
-            kind, (values, indices) = Sdf.ValueTypeNames.TexCoord2fArray, held.complete()
-            primvar = primvars.CreatePrimvar(places[0], kind, tokens.faceVarying)
-            if len(values) > len(held.values):
-                # USD knows no corner without a value: the last value stands for that.
-                primvar.SetUnauthoredValuesIndex(len(held.values))
-            primvar.Set(Vt.Vec2fArray.FromNumpy(to_float32(values)))
-            primvar.SetIndices(_to_ints(indices))
-        elif held is not None and LAYERS[name].domain == "vertex":
-            colours = Vt.Vec3fArray.FromNumpy(to_float32(held[:, :3]))
-            prim.CreateDisplayColorPrimvar(tokens.vertex).Set(colours)
-            if held.shape[1] == LAYERS[name].width:
-                prim.CreateDisplayOpacityPrimvar(tokens.vertex).Set(_to_floats(held[:, 3]))
-
-
-class UsdMaterials:
-    """The materials of a stage, below a scope: the same for all parts that name it alike.
-
-    Parameters
-    ----------
-    root : str
-        Path of the prim that the scope is in.
-    taken : list of str
-        Paths that the scope must not have.
-    is_over_asset : bool
-        Whether the file may lie over the asset that the parts came from, which knows its materials
-        better.
-    """
-
-    def __init__(
-        self, stage: Any, root: str, *, taken: list[str], is_over_asset: bool = False
-    ) -> None:
-        self._stage, self._is_over_asset = stage, is_over_asset
-        self._path = f"{root}/cache_materials" if is_over_asset else f"{root}/materials"
-        while self._path in taken:
-            self._path += "_"
-        self._defined: dict[tuple[str, bytes], Any] = {}
-        self._bound_count = 0
-
-    def choose_bound(self, mesh: Any) -> Any:
-        """Return what the materials of a mesh are bound to: the mesh, or a class behind it.
-
-        A mesh that specializes a class has its materials, but those of an asset are stronger.
-        """
-        from pxr import Sdf, UsdGeom
-
-        if not self._is_over_asset:
-            return mesh
-        UsdGeom.Scope.Define(self._stage, self._path)
-        behind = UsdGeom.Mesh.Define(self._stage, f"{self._path}/bound_{self._bound_count}")
-        behind.GetPrim().SetSpecifier(Sdf.SpecifierClass)
-        mesh.GetPrim().GetSpecializes().AddSpecialize(behind.GetPath())
-        self._bound_count += 1
-        return behind
-
-    def define(self, names: list[str], colours: list[Floats | None]) -> dict[str, Any]:
-        """Define materials, with their colours if those are known, by their names."""
-        from pxr import UsdGeom, UsdShade
-
-        scope = UsdGeom.Scope.Define(self._stage, self._path).GetPrim()
-        keys = [
-            (name, b"" if colour is None else colour.tobytes())
-            for name, colour in zip(names, colours, strict=True)
-        ]
-        new = {name: k for k, name in enumerate(names) if keys[k] not in self._defined}
-        for name, path in _choose_paths(scope, list(new)):
-            material, colour = UsdShade.Material.Define(self._stage, path), colours[new[name]]
-            _show_name(material.GetPrim(), name)
-            if colour is not None:
-                _write_colour(material, colour)
-            self._defined[keys[new[name]]] = material
-        return {name: self._defined[key] for name, key in zip(names, keys, strict=True)}
-
-
-def _write_materials(prim: Any, attributes: SurfaceAttributes, defined: UsdMaterials) -> None:
-    """Define the materials, and bind them."""
-    from pxr import UsdShade
-
-    if attributes.material_library:
-        prim.GetPrim().SetCustomDataByKey(LIBRARY_KEY, attributes.material_library)
-    labels, colours = attributes.materials, attributes.material_colours
-    if labels is None:
-        return
-    bound = dict(labels.list_members())
-    rows = [None if colours is None else colours[labels.names.index(name)] for name in bound]
-    materials = defined.define(list(bound), rows)
-    prim = defined.choose_bound(prim)
-    if len(bound) == 1 and len(bound[labels.names[labels.indices[0]]]) == len(labels.indices):
-        UsdShade.MaterialBindingAPI.Apply(prim.GetPrim()).Bind(*materials.values())
-        return
-    for name, subset in _write_subsets(prim, labels, UsdShade.Tokens.materialBind).items():
-        UsdShade.MaterialBindingAPI.Apply(subset.GetPrim()).Bind(materials[name])
-
-
-def _write_colour(material: Any, colour: Floats) -> None:
-    """Give a material a shader of one colour, (4,): linear red, green, blue and opacity."""
-    from pxr import Gf, Sdf, UsdShade
-
-    path = material.GetPath().AppendChild("surface")
-    shader = UsdShade.Shader.Define(material.GetPrim().GetStage(), path)
-    shader.CreateIdAttr("UsdPreviewSurface")  # all programs show it
-    red, green, blue, opacity = colour.clip(0, 1).tolist()
-    shader.CreateInput("diffuseColor", Sdf.ValueTypeNames.Color3f).Set(Gf.Vec3f(red, green, blue))
-    shader.CreateInput("opacity", Sdf.ValueTypeNames.Float).Set(opacity)
-    material.CreateSurfaceOutput().ConnectToSource(shader.ConnectableAPI(), "surface")
-
-
-def _write_subsets(prim: Any, labels: FaceLabels, family: str) -> dict[str, Any]:
-    """Define a subset of faces for each name; a face is in one at most."""
-    from pxr import UsdGeom
-
-    subsets, members = {}, dict(labels.list_members())
-    for name, path in _choose_paths(prim.GetPrim(), list(members)):
-        subset = UsdGeom.Subset.Define(prim.GetPrim().GetStage(), path)
-        subset.CreateElementTypeAttr(UsdGeom.Tokens.face)
-        subset.CreateFamilyNameAttr(family)
-        subset.CreateIndicesAttr(_to_ints(members[name]))
-        _show_name(subset.GetPrim(), name)
-        subsets[name] = subset
-    tokens = UsdGeom.Tokens
-    whole = tokens.nonOverlapping if (labels.indices == NONE).any() else tokens.partition
-    UsdGeom.Subset.SetFamilyType(prim, family, whole)
-    return subsets
-
-
-def _choose_paths(parent: Any, names: list[str]) -> list[tuple[str, Any]]:
-    """Return names with paths for children, in letters that USD accepts and each not yet taken."""
-    from pxr import Tf
-
-    taken = [child.GetName() for child in parent.GetAllChildren()]
-    chosen = number_names(map(Tf.MakeValidIdentifier, names), taken)
-    return [(n, parent.GetPath().AppendChild(c)) for n, c in zip(names, chosen, strict=True)]
-
-
-def _show_name(prim: Any, name: str) -> None:
-    """Keep the name as it is, where that of the prim is another."""
-    if prim.GetName() != name:
-        prim.SetDisplayName(name)
 
 
 def compute_extent(points: NDArray[np.float32]) -> Any:

@@ -71,6 +71,8 @@ def write_cache(asset):
 def list_drawn(stage, name, times):
     """The points of a mesh in the space of the stage, as USD draws them without a skin."""
     mesh = UsdGeom.Mesh(stage.GetPrimAtPath(name))
+    if not mesh:  # other parts are below it
+        mesh = UsdGeom.Mesh(stage.GetPrimAtPath(f"{name}/{name.rpartition('/')[2]}Shape"))
     assert mesh
     assert not mesh.GetPrim().IsInstanceProxy()
     assert not UsdSkel.Root.Find(mesh.GetPrim())
