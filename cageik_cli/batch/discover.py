@@ -3,18 +3,20 @@
 import glob
 import hashlib
 import os
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence, Set
 from dataclasses import dataclass, replace
 from fnmatch import fnmatch
 from os.path import abspath, commonpath, relpath, splitdrive
 from pathlib import Path
 
-from cageik_cli.formats.base.file_numbers import group_numbered_files
 from cageik_cli.formats.base.files import file_suffix
 from cageik_cli.formats.base.hdf5 import HDF5_SUFFIXES
 from cageik_cli.formats.find_files import (
     are_frames,
     clip_suffixes,
+    count_names,
+    find_series,
     mesh_suffixes,
     sort_naturally,
 )
@@ -101,18 +103,21 @@ def discover_clips(
     exclude : sequence of str
         Patterns of clips that are left out: of their names, or of what lists show of these.
     note : callable
-        Takes a sentence on numbered meshes that are no clip.
+        Takes a sentence on numbered meshes that are no clip, and on meshes beside frames.
     """
     _check_not_nested(roots)
     found: list[DiscoveredClip] = []
     no_clips: list[str] = []
+    beside: list[str] = []
     for root in roots:
         prefix = f"{root.resolve().name}/" if len(roots) > 1 else ""
         series: list[str] = []
+        others: list[str] = []
         for folder in walk_folders(root, output):
-            for clip in _find_clips_in(folder, root, auxiliary_files, series):
+            for clip in _find_clips_in(folder, root, auxiliary_files, series, others):
                 found.append(replace(clip, name=prefix + clip.name))
         no_clips += [prefix + name for name in series]
+        beside += [prefix + name for name in others]
     places = ", ".join(map(str, roots))
     left_out = f"numbered meshes whose vertices differ are no clip: {join_truncated(no_clips, 5)}"
     if not found:
@@ -123,6 +128,8 @@ def discover_clips(
         )
     if no_clips:
         note(f"left out, as {left_out}")
+    if beside:
+        note(f"left out, as not numbered as the frames are: {count_names(beside)}")
     found = _make_names_unique(found, roots)
     names = [clip.name for clip in found]
     # Those that are left out count, so that the names of others do not depend on the patterns.
@@ -211,20 +218,32 @@ def _check_not_nested(roots: Sequence[Path]) -> None:
 
 
 def _find_clips_in(
-    folder: Path, root: Path, auxiliary_files: Set[Path], no_clips: list[str]
+    folder: Path,
+    root: Path,
+    auxiliary_files: Set[Path],
+    no_clips: list[str],
+    beside: list[str],
 ) -> Iterator[DiscoveredClip]:
     """Yield the clips of a folder: of its numbered mesh files, and in its clip files.
 
-    Numbered meshes that are no frames of one another are added to `no_clips`.
+    Numbered meshes that are no frames of one another are added to `no_clips`, and other meshes that
+    are beside frames to `beside`.
     """
     files = [path for path in folder.iterdir() if path.is_file() and path.name[0] != "."]
     files = sort_naturally([path for path in files if path.resolve() not in auxiliary_files])
-    series = group_numbered_files([path for path in files if file_suffix(path) in mesh_suffixes()])
     # A single file is a rest pose, a cage or a prop.
-    clips = {stem: frames for stem, frames in series.items() if len(frames) > 1}
+    series = find_series(files)
+    stems = Counter(one.name_around("#") for one in series)
+    clips = {}
+    for one in series:
+        stem, kind = one.name_around("#"), file_suffix(one.paths[0])
+        clips[stem + (kind if stems[stem] > 1 else "")] = sort_naturally(one.paths)
     for stem in [stem for stem, frames in clips.items() if not are_frames(frames)]:
         no_clips.append(str(folder.relative_to(root) / stem.replace("#", "*")))
         del clips[stem]
+    numbered = {path for one in series for path in one.paths}
+    left = [path for path in files if file_suffix(path) in mesh_suffixes()] if clips else []
+    beside += [str(path.relative_to(root)) for path in left if path not in numbered]
     for stem, frames in clips.items():
         name, place = _make_clip_name(folder, root), folder
         if len(clips) > 1:

@@ -2,7 +2,7 @@
 
 import glob
 import os
-import re
+import shlex
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
@@ -10,8 +10,9 @@ from pathlib import Path
 
 from natsort import natsort_keygen, ns
 
-from cageik_cli.formats.base.file_numbers import FrameNames, group_numbered_files
+from cageik_cli.formats.base.file_numbers import FrameNames
 from cageik_cli.formats.base.files import decompress, discover_plugins, file_suffix
+from cageik_cli.formats.base.numbered_names import NumberedFiles, group_series
 from cageik_cli.formats.base.readers import FrameFileReader, parse_mesh
 from cageik_cli.formats.base.sequence import MeshSequence
 from cageik_cli.util.errors import FileAccessError, SettingError, join_truncated
@@ -23,6 +24,9 @@ MAX_COMPARED_MESHES = 16
 
 MAX_SAMPLED_MESHES = 5
 """Meshes of a series that are compared, evenly spread, at most: a damaged one is outvoted."""
+
+MAX_NAMED_FILES = 3
+"""Files beside frames that a note names; the others are counted."""
 
 _natural_key = natsort_keygen(key=str, alg=ns.PATH)
 
@@ -176,32 +180,35 @@ def _describe_folder(folder: Path) -> str:
 def _choose_series(folder: Path, files: list[Path]) -> list[Path]:
     """Return the frames among the mesh and clip files of a folder.
 
-    If some are a series of numbered meshes, the others are a cage, a rest pose or props; those
-    whose names begin as the series does, up to a number, are frames all the same.
+    If some are a series of numbered meshes, the others are a cage, a rest pose, copies or props.
     """
-    series = _find_series(files)
+    series = find_series(files)
     if not series:
         return files
     if len(series) > 1:  # cages of several sizes beside the frames, say
-        clips = {start: group for start, group in series.items() if are_frames(group)}
-        series = clips or series
-    kinds = {file_suffix(group[0]) for group in series.values()}
+        series = [one for one in series if are_frames(one.paths)] or series
+    kinds = {file_suffix(one.paths[0]) for one in series}
     if len(series) > 1 and len(kinds) == 1:
-        names = join_truncated((f"{start}*" for start in sorted(series)), 5)
-        example = folder / f"{min(series)}*{min(kinds)}"
+        series.sort(key=lambda one: one.name_around("*"))
+        names = join_truncated((one.name_around("*") for one in series), 5)
+        choices = [
+            f"{' '.join(shlex.quote(str(folder / name)) for name in one.list_globs(files))} "
+            f"({len(one.paths)} meshes)"
+            for one in series[:5]
+        ]
         raise SettingError(
             f"{folder}: holds {len(series)} series of numbered meshes, {names}; choose one by a "
-            f"quoted glob, such as '{example}'"
+            f"quoted glob: {' or '.join(choices)}"
         )
-    begins = re.compile(rf"(?>{'|'.join(map(re.escape, series))})-?\d")
-    return [path for path in files if begins.match(path.name)]
+    frames = {path for one in series for path in one.paths}
+    # Frames of another format are not left out: that there are two is said.
+    return [path for path in files if path in frames or any(one.has_name(path) for one in series)]
 
 
-def _find_series(files: list[Path]) -> dict[str, list[Path]]:
-    """Return the series of numbered meshes among files, by the text before their numbers."""
+def find_series(files: Sequence[Path]) -> list[NumberedFiles]:
+    """Return the series of several numbered meshes among files of a folder."""
     meshes = [path for path in files if file_suffix(path) in mesh_suffixes()]
-    groups = group_numbered_files(meshes).items()
-    return {stem.rpartition("#")[0]: group for stem, group in groups if len(group) > 1}
+    return [one for one in group_series(meshes) if len(one.paths) > 1]
 
 
 def check_frames(arguments: Sequence[str], paths: tuple[Path, ...]) -> None:
@@ -220,13 +227,13 @@ def check_frames(arguments: Sequence[str], paths: tuple[Path, ...]) -> None:
         inside = [path for path in paths if path.parent == folder] if folder.is_dir() else []
         loose -= set(inside)
         if inside and all(file_suffix(path) in mesh_suffixes() for path in inside):
-            is_series = bool(_find_series(inside))
+            is_series = bool(find_series(inside))
             _check_meshes(str(folder), inside, "" if is_series else suggest_series_below(folder))
     named = [path for path in paths if path in loose]
-    series = list(_find_series(named).values())
-    for group in series:
+    series = find_series(named)
+    for one in series:
         what = "matches" if len(arguments) == 1 else "one of"
-        _check_meshes(arguments[0], group, "", what)
+        _check_meshes(arguments[0], one.paths, "", what)
     if (
         len(named) > 1
         and not series
@@ -237,7 +244,7 @@ def check_frames(arguments: Sequence[str], paths: tuple[Path, ...]) -> None:
 
 def _check_meshes(place: str, meshes: Sequence[Path], below: str, what: str = "holds") -> None:
     """Refuse meshes that are no frames of one clip, or a folder in place of one `below` it."""
-    is_series = bool(_find_series(list(meshes)))
+    is_series = bool(find_series(meshes))
     compared = _spread_frames(meshes) if is_series else meshes[:MAX_COMPARED_MESHES]
     counts = {path: _count_mesh(path) for path in compared}
     is_clip = _agree(counts.values(), allows_some=is_series)
@@ -310,24 +317,45 @@ def suggest_series_below(folder: Path) -> str:
     for inside in sort_naturally(path for path in folder.iterdir() if path.is_dir()):
         if inside.name.startswith(".") or not os.access(inside, os.R_OK | os.X_OK):
             continue
-        series = _find_series(_list_folder(inside, suffixes))
-        count = max(map(len, series.values()), default=0)
+        series = find_series(_list_folder(inside, suffixes))
+        count = max((len(one.paths) for one in series), default=0)
         if count:
             found.append(f"{to_unicode(inside)}, {count} meshes")
     return f"did you mean {' or '.join(found[:3])}?" if found else ""
 
 
 def list_left_out(arguments: Sequence[str], paths: tuple[Path, ...]) -> list[str]:
-    """Write a sentence on the files of folders that are no frames."""
+    """Write a sentence on the files of folders that are no frames.
+
+    And on files that are named: all are frames, but their numbers are lost if their names have
+    other texts, as in `walk_*.obj` that matches copies, too.
+    """
     suffixes, notes = tuple(find_readers()), []
     for folder in map(Path, arguments):
         if not folder.is_dir() or file_suffix(folder) in suffixes:
             continue
         left = [path for path in _list_folder(folder, suffixes) if path not in paths]
         if left:
-            names = join_truncated(to_unicode(path.name) for path in sort_naturally(left))
-            notes.append(f"left out, as not numbered as the frames are: {names}")
+            names = [path.name for path in sort_naturally(left)]
+            notes.append(f"left out, as not numbered as the frames are: {count_names(names)}")
+    if not any(Path(argument).is_dir() for argument in arguments):
+        series = find_series(paths)
+        others = len(paths) - sum(len(one.paths) for one in series)
+        if series and (others or len(series) > 1):
+            found = [f"{one.name_around('*')} ({len(one.paths)})" for one in series]
+            found += [f"{others} more"] if others else []
+            notes.append(
+                f"the frames are named in several ways, {', '.join(found)}: they are in the order "
+                "of their names, and have no numbers from these"
+            )
     return notes
+
+
+def count_names(names: Sequence[str]) -> str:
+    """Join the first `MAX_NAMED_FILES` names, and count the others."""
+    more = len(names) - MAX_NAMED_FILES
+    named = ", ".join(map(to_unicode, names[:MAX_NAMED_FILES]))
+    return f"{named} and {more} more" if more > 0 else named
 
 
 def _list_folder(folder: Path, suffixes: tuple[str, ...]) -> list[Path]:

@@ -1,11 +1,14 @@
 """Folders whose meshes are not frames of one clip are not silently their first mesh."""
 
+import shlex
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from cageik_cli.batch.discover import discover_clips
 from cageik_cli.formats.open import open_sequence
+from cageik_cli.formats.settings import ClipSettings
 from cageik_cli.util.errors import ConnectivityError, FileAccessError, InputError, SettingError
 from tests.clips import frames_of
 from tests.formats.polygons import MESH_KINDS, encode_polygons
@@ -221,3 +224,115 @@ def test_stamps_that_are_told_are_not_read_again(folder):
     assert told.describe_source() == source
     told.set_digests(2, [bytes(32)])  # a frame that could not be read there: nothing is known of it
     assert told.digest_or_zeros(2) == stamps[2]
+
+
+WALK = [f"walk_{k:04}" for k in range(1, 6)]
+
+
+@pytest.mark.parametrize(
+    ("beside", "left_out"),
+    [
+        (["walk_0003 (1)"], "walk_0003 (1).obj"),
+        (["walk_0003 - Kopie", "walk_0003_rest"], "walk_0003 - Kopie.obj, walk_0003_rest.obj"),
+        (["walk_0002_lod1", "walk_0004_lod1"], "walk_0002_lod1.obj, walk_0004_lod1.obj"),
+        (["a", "b", "c", "d", "e"], "a.obj, b.obj, c.obj and 2 more"),
+    ],
+)
+def test_folder_and_batch_take_the_same_frames_and_name_what_they_leave_out(
+    place, beside, left_out
+):
+    place(**{f"all__clip__{stem}": box() for stem in [*WALK, *beside]})
+    clip = open_sequence(["all/clip"])
+    assert [Path(name).stem for name in clip.names] == WALK
+    assert clip.scene.start == 1
+    (note,) = texts(clip.notes)
+    assert note == f"left out, as not numbered as the frames are: {left_out}"
+    notes = []
+    (found,) = discover_clips([Path("all")], output=Path("out"), note=notes.append)
+    assert [Path(path).stem for path in found.frames] == WALK
+    (note,) = notes
+    assert note.replace("clip/", "") == f"left out, as not numbered as the frames are: {left_out}"
+
+
+@pytest.mark.parametrize(
+    "stems",
+    [
+        [*WALK, *(f"{stem}_lod1" for stem in WALK)],
+        [*WALK, *(f"{stem} (1)" for stem in WALK)],
+        [f"take{take}_{k}" for take in (1, 12) for k in range(9, 12)],
+        [f"{name}'s[x]_{k}" for name in "ab" for k in range(9, 12)],
+    ],
+)
+def test_the_globs_that_choose_a_series_work_when_typed(place, stems):
+    """As a shell takes them apart; and a batch has a clip of each."""
+    place(**{f"all__clip__{stem}": box() for stem in stems})
+    with pytest.raises(SettingError) as caught:
+        open_sequence(["all/clip"])
+    _, _, choices = str(caught.value).partition("choose one by a quoted glob: ")
+    chosen = [
+        open_sequence(shlex.split(choice.rpartition(" (")[0])).names
+        for choice in choices.split(" or ")
+    ]
+    assert sorted(name for names in chosen for name in names) == sorted(f"{x}.obj" for x in stems)
+    assert len({len(names) for names in chosen}) == 1
+    clips = discover_clips([Path("all")], output=Path("out"))
+    names = {tuple(Path(path).name for path in clip.frames) for clip in clips}
+    assert names == set(chosen)
+
+
+def test_a_dash_that_all_names_have_is_a_separator(place):
+    place(**{f"clip__take -{k:03}": box() for k in (1, 2, 10)})
+    with pytest.raises(FileAccessError, match=r"missing between take -002\.obj and take -010\.obj"):
+        open_sequence(["clip"])
+    clip = open_sequence(["clip"], ClipSettings(gaps="keep"))
+    assert (len(clip), clip.scene.start) == (10, 1)
+    assert "the dash in take -001.obj is read as a separator, not as a sign" in texts(clip.notes)
+
+
+def test_fractions_are_frames_in_their_order_where_that_is_asked_for(place):
+    place(**{f"clip__sim_{k / 20:g}": box() for k in range(1, 8)})
+    with pytest.raises(SettingError, match=r"sim_0.05.obj: the names hold fractions, up to that o"):
+        open_sequence(["clip"])
+    for gaps in ("keep", "close"):
+        clip = open_sequence(["clip"], ClipSettings(gaps=gaps))
+        assert clip.names == tuple(f"sim_{k / 20:g}.obj" for k in range(1, 8))
+        assert clip.scene.start is None
+        assert "the names hold fractions" in " ".join(texts(clip.notes))
+    place(**{"clip__sim_0.36": box()})
+    with pytest.raises(SettingError, match="the names hold fractions"):
+        open_sequence(["clip"], ClipSettings(gaps="keep"))
+
+
+@pytest.mark.parametrize(
+    "stems",
+    [
+        ["f.-10", "f.-2", "f.-1", "f.0", "f.3"],
+        ["f.-10", "f.-2", "f.-1"],
+        ["f_1", "f_1.05", "f_1.1", "f_2"],
+        ["f 0.9", "f 0.95", "f 1.0", "f 1.05", "f 1.1"],
+    ],
+)
+def test_closed_gaps_take_numbers_with_signs_and_fractions_in_their_order(place, stems):
+    place(**{f"clip__{stem}": box() for stem in stems})
+    with pytest.raises(SettingError, match=r"close_gaps=True"):
+        open_sequence(["clip"])
+    clip = open_sequence(["clip"], ClipSettings(gaps="close"))
+    assert [name.removesuffix(".obj") for name in clip.names] == stems
+
+
+@pytest.mark.parametrize(
+    ("beside", "says"),
+    [
+        (["walk_0003 (1)", "a"], "walk_* (5), 2 more"),
+        ([f"{stem}_lod1" for stem in WALK], "walk_* (5), walk_*_lod1 (5)"),
+        ([], None),
+    ],
+)
+def test_files_that_are_named_are_all_frames_but_a_note_says_what_they_are(place, beside, says):
+    place(**{f"clip__{stem}": box() for stem in [*WALK, *beside]})
+    clip = open_sequence(["clip/*.obj"])
+    assert len(clip) == len(WALK) + len(beside)
+    expected = f"the frames are named in several ways, {says}: they are in the order of their nam"
+    notes = [note for note in texts(clip.notes) if "named" in note]
+    assert [note.startswith(expected) for note in notes] == ([True] if says else [])
+    assert (clip.scene.start == 1) == (not beside)

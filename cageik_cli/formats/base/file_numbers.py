@@ -3,12 +3,14 @@
 import re
 from collections import Counter
 from dataclasses import dataclass
+from fractions import Fraction
 from itertools import pairwise
 from math import gcd
 from pathlib import Path
 from typing import NoReturn
 
 from cageik_cli.formats.base.files import file_stem
+from cageik_cli.formats.base.numbered_names import NumberedFiles, split_series
 from cageik_cli.formats.settings import Gaps, SceneHints
 from cageik_cli.util.errors import FileAccessError, SettingError, join_truncated
 from cageik_cli.util.messages import say
@@ -19,6 +21,10 @@ MAX_FRAME_NUMBER = 1 << 24
 
 MAX_MISSING_FRAMES = 10_000
 """Numbers that may be missing in a series whose gaps are kept."""
+
+
+_SIGNED = r"(?:.*[._ ])?-\d+\D*"
+"""A name that ends with a number that has a sign, or a dash that is none."""
 
 
 class FileSeries:
@@ -56,9 +62,21 @@ class FileSeries:
         self.paths, self.scene = paths, SceneHints()
         self.missing: dict[int, str] = {}
         self.notes: tuple[str, ...] = ()
+        is_separated = _has_separating_dash(paths)
         if gaps != "close":
-            _check_whole_numbers(paths)
-        if not self._find_numbers():
+            _check_whole_numbers(paths, is_separated)
+        elif not is_separated and (ordered := _order_signed(paths)):
+            self.paths = ordered
+            return
+        series = find_only_series(paths)
+        if series is None:
+            return
+        self._series, self._numbers = series, series.numbers
+        self.paths = paths = series.paths
+        if is_separated:
+            self.notes = (f"the dash in {paths[0].name} is read as a separator, not as a sign",)
+        if not series.numbers:
+            self._take_fractions(gaps)
             return
         steps = [b - a for a, b in pairwise(self._numbers)]
         if gaps != "close" and 0 in steps:
@@ -79,7 +97,7 @@ class FileSeries:
             self.scene = SceneHints(start=float(self._numbers[0]), frame_step=float(usual))
             if odd:
                 names = join_truncated((paths[k + 1].name for k in odd), 5)
-                self.notes = (
+                self.notes += (
                     f"gaps in frame numbers are closed at {names}; frames are numbered from "
                     f"{self._numbers[0]} in steps of {usual}, other than their files",
                 )
@@ -94,28 +112,25 @@ class FileSeries:
             )
         return chosen[held[0] : held[-1] + 1]
 
-    def _find_numbers(self) -> bool:
-        """Find the number that differs from name to name; of a single file, the last in it."""
-        parts = [re.split(r"(\d+)", file_stem(path)) for path in self.paths]
-        texts = {tuple(part[::2]) for part in parts}
-        folders = {path.parent for path in self.paths}
-        if len(texts) != 1 or len(parts[0]) < 3 or len(folders) != 1:
-            return False
-        columns = range(1, len(parts[0]), 2)
-        varying = [k for k in columns if len({part[k] for part in parts}) > 1] or [columns[-1]]
-        if len(varying) > 1:
-            return False
-        place = varying[0]
-        self._before, self._after = "".join(parts[0][:place]), "".join(parts[0][place + 1 :])
-        self._words = [part[place] for part in parts]
-        self._numbers = [int(word) for word in self._words]
-        return True
+    def _take_fractions(self, gaps: Gaps) -> None:
+        """Refuse fractions in names, which are no numbers of frames, unless gaps are closed.
 
-    def _make_path(self, place: int, number: int) -> Path:
-        """Return the path of a frame that follows that of the file `place`."""
-        path = self.paths[place]
-        digits, suffix = len(self._words[place]), path.name[len(file_stem(path)) :]
-        return path.with_name(f"{self._before}{number:0{digits}d}{self._after}{suffix}")
+        If gaps are kept, fractions in even steps are taken, too: they have none.
+        """
+        first, last = self.paths[0], self.paths[-1]
+        if gaps == "refuse" or (gaps == "keep" and not self._series.has_even_fractions):
+            raise SettingError(
+                f"{first}: the names hold fractions, up to that of {last.name}, and frames have "
+                "whole numbers; "
+                + say(
+                    "number the frames one after another, in the order of the fractions, with "
+                    "`close_gaps=True`, or export USD or Alembic, which hold times"
+                )
+            )
+        self.notes = (
+            f"the names hold fractions, {first.name} to {last.name}: frames are in their order, "
+            "numbered from 1",
+        )
 
     def _refuse(self, odd: list[int], steps: list[int], usual: int) -> NoReturn:
         """Refuse gaps, or numbers between those of the usual step."""
@@ -123,7 +138,7 @@ class FileSeries:
         first = (wide or odd)[0]
         expected = f"where frames are numbered in steps of {usual}"
         if wide:
-            lost = self._make_path(first, self._numbers[first] + usual)
+            lost = self._series.make_path(first, self._numbers[first] + usual)
             fault = f"{lost}: missing between {paths[first].name} and {paths[first + 1].name}, "
             fault += f"{expected} ({format_count(len(wide), 'such gap')}); restore it"
         else:
@@ -153,52 +168,86 @@ class FileSeries:
             why = f"missing between {paths[k].name} and {paths[k + 1].name}"
             for number in range(a + step, b, step):
                 self.missing[len(series)] = why
-                series.append(self._make_path(k, number))
+                series.append(self._series.make_path(k, number))
             series.append(paths[k + 1])
         self.paths = tuple(series)
         self.scene = SceneHints(start=float(first), frame_step=float(step))
 
 
-def _check_whole_numbers(paths: tuple[Path, ...]) -> None:
+def find_only_series(paths: tuple[Path, ...]) -> NumberedFiles | None:
+    """Return files as a series, if they are in one folder and one number runs in their names."""
+    texts = {_list_texts(path) for path in paths}
+    if len(texts) > 1 or len(*texts) < 2 or len({path.parent for path in paths}) > 1:
+        return None
+    found = split_series(paths)
+    return found[0] if len(found) == 1 else None
+
+
+def _list_texts(path: Path) -> tuple[str, ...]:
+    return tuple(re.split(r"\d+", file_stem(path)))
+
+
+def _has_separating_dash(paths: tuple[Path, ...]) -> bool:
+    """Return whether a dash that looks like a sign is none, as all names have it behind a word.
+
+    After a point it is a sign, for there the number of the frame begins.
+    """
+    matches = [re.fullmatch(r".*[^\W\d_][\d_ ]*-\d+\D*", file_stem(path)) for path in paths]
+    signs = [re.fullmatch(_SIGNED, file_stem(path)) for path in paths]
+    return len(paths) > 1 and all(matches) and all(signs)
+
+
+def _order_signed(paths: tuple[Path, ...]) -> tuple[Path, ...]:
+    """Return paths in the order of the numbers that end their names, if some are signed.
+
+    So if some have a fraction and others none. Nothing if the text before differs, or the folder.
+    """
+    if len({_list_texts(path) for path in paths}) == 1 and not any(
+        re.fullmatch(_SIGNED, file_stem(path)) for path in paths
+    ):
+        return ()
+    values: dict[Path, Fraction] = {}
+    places = set()
+    for path in paths:
+        match = re.fullmatch(r"(.*?[._ ]|\D*?)(-?\d+(?:\.\d+)?)", file_stem(path))
+        if match is None:
+            return ()
+        values[path] = Fraction(match[2])
+        places.add((path.parent, match[1]))
+    is_whole = all(value.denominator == 1 and value >= 0 for value in values.values())
+    return () if is_whole or len(places) > 1 else tuple(sorted(paths, key=values.__getitem__))
+
+
+def _check_whole_numbers(paths: tuple[Path, ...], is_separated: bool) -> None:
     """Refuse negative numbers and subframes, whose order in time is not that of their names."""
     stems = [file_stem(path) for path in paths]
     for path, stem in zip(paths, stems, strict=True):
-        if re.fullmatch(r"(?:.*[._ ])?-\d+\D*", stem):
+        if re.fullmatch(_SIGNED, stem) and not is_separated:
             raise SettingError(
                 f"{path}: has a negative frame number, expected 0 or more; "
                 + say(
-                    "number the files from 0 on, or take them in the order of their names "
+                    "number the files from 0 on, or take them in the order of their numbers "
                     "with `close_gaps=True`"
                 )
             )
-    number_and_part = r"((?:.*[._ -])?\d+)\.(\d+)"
+    number_and_part = r"((?:.*?[._ -])?)(\d+)(?:\.(\d+))?"
     matches = {stem: match for stem in stems if (match := re.fullmatch(number_and_part, stem))}
-    frames = Counter(match[1] for match in matches.values())
+    whole = {(match[1], int(match[2])) for match in matches.values() if match[3] is None}
+    parted = {stem: match for stem, match in matches.items() if match[3] is not None}
+    frames = Counter((match[1], int(match[2])) for match in parted.values())
     for path, stem in zip(paths, stems, strict=True):
-        match = matches.get(stem)
-        if match and (match[1] in stems or 1 < frames[match[1]] < len(matches)):
+        match = parted.get(stem)
+        frame = (match[1], int(match[2])) if match else ("", -1)
+        if match and (frame in whole or 1 < frames[frame] < len(parted)):
             raise SettingError(
-                f"{path}: is a subframe of {match[1]}, or of another series; "
+                f"{path}: is a subframe of {match[1]}{match[2]}, or of another series, as its "
+                "name holds a fraction; "
                 + say(
                     "frames have whole numbers, so leave out such files, export USD or "
-                    "Alembic, or take them in the order of their names with "
+                    "Alembic, or take them in the order of their numbers with "
                     "`close_gaps=True`"
                 )
             )
-
-
-def group_numbered_files(paths: list[Path]) -> dict[str, list[Path]]:
-    """Group files of one suffix by the text around the last number in their names."""
-    found: dict[tuple[str, str], list[Path]] = {}
-    for path in paths:
-        match = re.fullmatch(r"(.*?)(\d+)(\D*)", file_stem(path))
-        if match:
-            kind = path.name[len(file_stem(path)) :].lower()
-            found.setdefault((f"{match[1]}#{match[3]}", kind), []).append(path)
-    stems = Counter(stem for stem, _ in found)
-    return {
-        stem + (kind if stems[stem] > 1 else ""): files for (stem, kind), files in found.items()
-    }
 
 
 @dataclass(frozen=True, slots=True)
