@@ -51,7 +51,7 @@ def _fit_to_files(
         open_clip_of(rest, [name], taken, scene, progress, called="the rest pose")[0]
         for name in settings.clips
     ]
-    return fit_to_clips(
+    fitted, notes = fit_to_clips(
         binding,
         clips,
         settings.fit,
@@ -62,3 +62,5 @@ def _fit_to_files(
         jobs=settings.weights.jobs,
         cache=settings.weights.cache,
     )
+    note_all(progress, notes)
+    return fitted

@@ -254,7 +254,7 @@ class Extraction:
             self.stored = bind_cached(rest, self.cage, weight_settings, progress)
         if self.fit is not None:
             with progress.stage("fit"):
-                fitted = fit_to_clips(
+                fitted, notes = fit_to_clips(
                     self.stored.binding,
                     [self.sequence],
                     self.fit,
@@ -267,6 +267,7 @@ class Extraction:
                     cache=settings.cache,
                 )
             self.stored = self.stored.with_fit(fitted)
+            self._fit_notes += tuple(notes)
         return self.stored
 
     @property

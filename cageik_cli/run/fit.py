@@ -18,6 +18,8 @@ from cageik_cli.captured.robust import has_outlier_vertices
 from cageik_cli.fit.fitted import FittedWeights
 from cageik_cli.fit.settings import FitSettings, FittedClip
 from cageik_cli.formats.base.sequence import MeshSequence, as_sequence
+from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.geometry.seams import Seams
 from cageik_cli.method.solve.dual_laplacian import DualLaplacianSolver
 from cageik_cli.method.solve.metrics import check_finite, measure
 from cageik_cli.method.solve.settings import SolveSettings
@@ -38,7 +40,8 @@ MIN_FRAMES_BY_DEFAULT = 3
 """Shorter clips have one pose beside that at rest: weights are fitted to it only if asked for."""
 
 MAX_PROBED_FRAMES = 100
-"""Evenly spread frames in which outlier vertices are sought before a fit nobody asked for."""
+"""Evenly spread frames in which outlier vertices are sought before a fit nobody asked for, and
+vertices that come apart."""
 
 MAX_COMPARED_FIT_FRAMES = 64
 """Evenly spread frames on which a fit is compared; key frames are measured beside them."""
@@ -92,17 +95,72 @@ def fit_weights(
     >>> after < 0.5 * before
     True
     """
-    from cageik_cli.fit.fit import Fitter
-
-    fitter = Fitter(
+    sequences = [as_sequence(clip, binding.rest) for clip in clips]
+    return _fit_welded(
         binding,
+        sequences,
         settings,
+        find_seams(binding.rest, sequences),
         solve=solve,
         vertex_weights=make_vertex_weights(vertex_weights, binding.rest),
         memory=memory,
         jobs=jobs or count_processors(),
     )
-    return fitter.fit([as_sequence(clip, binding.rest) for clip in clips])
+
+
+def find_seams(rest: TriMesh, clips: Sequence[MeshSequence]) -> Seams | None:
+    """Find the vertices of a rest pose that never come apart in evenly spread frames of clips."""
+    count = max(1, MAX_PROBED_FRAMES // len(clips))
+    return Seams.find(rest, (frame for clip in clips for frame in _read_probed_frames(clip, count)))
+
+
+class _WeldedClip:
+    """The frames of a clip with one vertex for those that never come apart."""
+
+    def __init__(self, clip: MeshSequence, seams: Seams) -> None:
+        self._clip, self._firsts = clip, seams.firsts
+
+    def __len__(self) -> int:
+        return len(self._clip)
+
+    def read_frame(self, index: int) -> Floats:
+        """Read the vertices of a frame, (k, 3)."""
+        return self._clip.read_frame(index)[self._firsts]
+
+
+def _fit_welded(
+    binding: Binding,
+    clips: Sequence[MeshSequence],
+    settings: FitSettings | None,
+    seams: Seams | None,
+    *,
+    solve: SolveSettings | None,
+    vertex_weights: Floats | None,
+    memory: int,
+    jobs: int,
+    skips_bad_frames: bool = False,
+) -> FittedWeights:
+    """Fit weights, the same for vertices that never come apart: one of them is fitted."""
+    from cageik_cli.fit.fit import Fitter
+
+    welded = binding
+    frames: Sequence[MeshSequence | _WeldedClip] = clips
+    if seams is not None:
+        welded = replace(binding, rest=seams.weld(), weights=binding.weights[seams.firsts])
+        frames = [_WeldedClip(clip, seams) for clip in clips]
+        if vertex_weights is not None:
+            vertex_weights = seams.sum_weights(vertex_weights)
+    fitter = Fitter(
+        welded, settings, solve=solve, vertex_weights=vertex_weights, memory=memory, jobs=jobs
+    )
+    fitted = fitter.fit(frames, skips_bad_frames)
+    if seams is None:
+        return fitted
+    found, change = fitted.binding, fitted.low_rank
+    whole = replace(binding, weights=found.weights[seams.places], has_offsets=found.has_offsets)
+    if change is not None:
+        change = replace(change, columns=change.columns[seams.places])
+    return replace(fitted, binding=whole, low_rank=change, unfitted=binding)
 
 
 def choose_fit(
@@ -160,9 +218,9 @@ def _find_fit_obstacle(settings: ExtractSettings, clip: MeshSequence, weighs_fra
     return ""
 
 
-def _read_probed_frames(clip: MeshSequence) -> Iterator[Floats]:
+def _read_probed_frames(clip: MeshSequence, count: int = MAX_PROBED_FRAMES) -> Iterator[Floats]:
     """Read evenly spread frames of a clip; those that cannot be read are dealt with later."""
-    for k in spread_evenly(len(clip), MAX_PROBED_FRAMES).tolist():
+    for k in spread_evenly(len(clip), count).tolist():
         with suppress(InputError):
             yield clip.read_frame(k)
 
@@ -179,8 +237,8 @@ def fit_to_clips(
     jobs: int,
     skips_bad_frames: bool = False,
     cache: Path | None = None,
-) -> FittedWeights:
-    """Fit the weights of a binding to clips, or take them from the cache of fits.
+) -> tuple[FittedWeights, list[Note]]:
+    """Fit the weights of a binding to clips, or take them from the cache; and say what is welded.
 
     Parameters
     ----------
@@ -193,23 +251,26 @@ def fit_to_clips(
         digests = [list(pool.map(clip.content_digest, range(len(clip)))) for clip in clips]
     described = tuple(map(_describe_clip, clips))
 
-    def compute() -> FittedWeights:
-        from cageik_cli.fit.fit import Fitter
+    seams = find_seams(binding.rest, clips)
+    notes = [] if seams is None else [Note(seams.note)]
 
-        fitter = Fitter(
+    def compute() -> FittedWeights:
+        fitted = _fit_welded(
             binding,
+            clips,
             settings,
+            seams,
             solve=solve,
             vertex_weights=vertex_weights,
             memory=memory,
             jobs=jobs,
+            skips_bad_frames=skips_bad_frames,
         )
-        fitted = fitter.fit(clips, skips_bad_frames)
         _check_unchanged(clips, digests)
         return replace(fitted, fit=replace(fitted.fit, clips=described))
 
     if cache is None:
-        return compute()
+        return compute(), notes
     key = compute_fit_key(
         binding,
         settings,
@@ -218,9 +279,10 @@ def fit_to_clips(
         vertex_weights=vertex_weights,
         memory=memory,
         skips_bad_frames=skips_bad_frames,
+        places=None if seams is None else seams.places,
     )
     entries = EntryCache(cache, partial(progress.note, "fit"))
-    return find_fit(entries, key, binding, described, compute)
+    return find_fit(entries, key, binding, described, compute), notes
 
 
 def _describe_clip(clip: MeshSequence) -> FittedClip:

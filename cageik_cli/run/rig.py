@@ -16,6 +16,7 @@ from cageik_cli.formats.base.skeleton import (
     count_skin_bytes,
 )
 from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.geometry.seams import Seams
 from cageik_cli.inputs.reconstruction import Reconstruction
 from cageik_cli.method.solve.dual_laplacian import DualLaplacianSolver
 from cageik_cli.method.solve.settings import SolveSettings
@@ -34,7 +35,7 @@ from cageik_cli.rigs.joints import (
 )
 from cageik_cli.rigs.merging import MIN_JOINTS, MIN_JOINTS_PER_LIMB
 from cageik_cli.store.result import Result, StoredAnimation
-from cageik_cli.util.arrays import Floats
+from cageik_cli.util.arrays import Floats, spread_evenly
 from cageik_cli.util.errors import FormatError, SettingError, error_context
 from cageik_cli.util.messages import Hint
 from cageik_cli.util.progress import ProgressListener
@@ -50,6 +51,9 @@ FRAMES_PER_RIG_BLOCK = 4 * FRAMES_PER_PRODUCT
 
 DEFAULT_INFLUENCES = 4
 """Influences of fewer joints than the cage has vertices, if no number is given."""
+
+MAX_PROBED_POSES = 16
+"""Frames in which vertices that come apart are sought."""
 
 COMPARED_INFLUENCES = (4, 8, 16, 32)
 """Numbers of influences whose errors are compared."""
@@ -172,10 +176,18 @@ def make_rig(
     with progress.stage("fit"), error_context(result.path), limit_blas_threads(1):
         solve = _read_solve_settings(result)
         target = _settle_rest(target)
+        seams = _find_seams(target)
         fit_rig = partial(
-            _fit_rig, target, is_shaded=is_shaded, solve=solve, memory=memory, jobs=jobs
+            _fit_rig,
+            target if seams is None else _weld(target, seams),
+            is_shaded=is_shaded,
+            solve=solve,
+            memory=memory,
+            jobs=jobs,
         )
         rig = fit_rig(influences, joints)
+        if seams is not None:
+            rig = _split(rig, target.binding.rest, seams)
         if input_rms is not None:
             rig = replace(rig, total=input_rms + rig.rms)
         progress.note("note", f"{name}: {rig.message}")
@@ -293,6 +305,30 @@ def _settle_rest(target: Reconstruction) -> Reconstruction:
     vertices = reconstruct(binding.weights, binding.cage.vertices[None])[0]
     rest = binding.rest.move(vertices)
     return Reconstruction(replace(binding, rest=rest), target.cages)
+
+
+def _find_seams(target: Reconstruction) -> Seams | None:
+    """Find the vertices that never come apart in some frames of a target."""
+    probed = spread_evenly(len(target), MAX_PROBED_POSES).tolist()
+    return Seams.find(target.binding.rest, map(target.read_frame, probed))
+
+
+def _weld(target: Reconstruction, seams: Seams) -> Reconstruction:
+    """Return a target with one vertex for those that never come apart."""
+    binding = target.binding
+    welded = replace(binding, rest=seams.weld(), weights=binding.weights[seams.firsts])
+    return Reconstruction(welded, target.cages)
+
+
+def _split(rig: Rig, rest: TriMesh, seams: Seams) -> Rig:
+    """Return a rig of a welded mesh as one of the mesh: those of a place move alike."""
+    weights, blocks = rig.skin.weights, rig.blocks
+    weights = SkinWeights(weights.joints[seams.places], weights.values[seams.places])
+    return replace(
+        rig,
+        skin=replace(rig.skin, rest=rest, weights=weights),
+        blocks=lambda: (replace(one, meshes=one.meshes[:, seams.places]) for one in blocks()),
+    )
 
 
 def _has_few(binding: Binding, count: int) -> bool:

@@ -39,7 +39,7 @@ from cageik_cli.method.weights.binding import Binding, Correction
 from cageik_cli.method.weights.settings import COORDINATES, BindSettings
 from cageik_cli.store.hdf5_fields import parse_record
 from cageik_cli.util import compiled
-from cageik_cli.util.arrays import Floats
+from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.files import open_locked, remove_locked
 from cageik_cli.util.messages import Note
 from cageik_cli.util.outputs import clear_leftovers, make_unfinished_path
@@ -517,6 +517,7 @@ def compute_fit_key(
     vertex_weights: Floats | None,
     memory: int,
     skips_bad_frames: bool,
+    places: Integers | None = None,
 ) -> str:
     """Return the key of a fit: a digest of all that the fitted weights depend on.
 
@@ -528,6 +529,8 @@ def compute_fit_key(
         The weights that they are fitted from.
     frames : sequence of sequence of bytes
         For each clip, the digest of each frame.
+    places : (m,) int64, optional
+        Which place each vertex is at, where some never come apart and are fitted as one.
     """
     recorded = {
         "version": __version__,
@@ -538,11 +541,11 @@ def compute_fit_key(
         "skips": skips_bad_frames,
         "frames": [[digest.hex() for digest in clip] for clip in frames],
     }
-    weights = [] if vertex_weights is None else [vertex_weights]
+    others = [array for array in (vertex_weights, places) if array is not None]
     meshes = [
         array for mesh in (binding.rest, binding.cage) for array in (mesh.vertices, mesh.faces)
     ]
-    return compute_key(recorded, binding.weights, *meshes, *weights)
+    return compute_key(recorded, binding.weights, *meshes, *others)
 
 
 def find_cage(
