@@ -212,6 +212,14 @@ class Displacements:
                 columns = part if len(chosen) == part.shape[1] else part[:, chosen]
                 yield np.ascontiguousarray(columns, np.float64)
 
+    def read_rows(self, rows: slice) -> Floats:
+        """Return some rows of D, of all frames that count, (p, 3k) float64."""
+        chosen = [
+            part[rows, self._choose_columns(first, part)]
+            for first, part in zip(self._starts(), self.parts, strict=True)
+        ]
+        return np.hstack(chosen).astype(np.float64, copy=False)
+
     def multiply(self, factor: Floats) -> Floats:
         """Return D times `factor`, (3k, b), as (m, b)."""
         product = np.zeros((len(self.parts[0]), factor.shape[1]))
@@ -236,11 +244,7 @@ class Displacements:
         rows = max(1, max_entries // count)
         product = np.zeros((count, count))
         for start in range(0, len(self.parts[0]), rows):
-            chosen = [
-                part[start : start + rows, self._choose_columns(first, part)]
-                for first, part in zip(self._starts(), self.parts, strict=True)
-            ]
-            block = np.hstack(chosen).astype(np.float64, copy=False)
+            block = self.read_rows(slice(start, start + rows))
             if row_weights is not None:
                 block *= np.sqrt(row_weights[start : start + rows, None])
             product += block.T @ block

@@ -26,14 +26,9 @@ from cageik_cli.method.weights.binding import (
     reconstruct,
     reconstruct_frames,
 )
-from cageik_cli.rigs.joints import (
-    JointPoses,
-    JointSolver,
-    NormalAngles,
-    group_joints,
-    limit_influences,
-)
+from cageik_cli.rigs.joints import JointPoses, JointSolver, NormalAngles
 from cageik_cli.rigs.merging import MIN_JOINTS, MIN_JOINTS_PER_LIMB
+from cageik_cli.rigs.skinning import group_joints, limit_influences
 from cageik_cli.store.result import Result, StoredAnimation
 from cageik_cli.util.arrays import Floats, spread_evenly
 from cageik_cli.util.errors import FormatError, SettingError, error_context

@@ -44,13 +44,8 @@ from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.method.solve.alignment import best_motions
 from cageik_cli.method.solve.dual_laplacian import DualLaplacianSolver
 from cageik_cli.method.solve.settings import SolveSettings
-from cageik_cli.rigs.joints import (
-    JointPoses,
-    JointSolver,
-    NormalAngles,
-    group_joints,
-    limit_influences,
-)
+from cageik_cli.rigs.joints import JointPoses, JointSolver, NormalAngles
+from cageik_cli.rigs.skinning import group_joints, limit_influences
 from cageik_cli.util.threads import limit_blas_threads
 
 CLIPS = ("samba", "horse-gallop", "chickenCrossing")

@@ -7,8 +7,8 @@ from cageik_cli.fit.fit import Fitter
 from cageik_cli.fit.settings import FitSettings
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.method.weights.binding import Binding
-from cageik_cli.rigs.joints import group_joints
 from cageik_cli.rigs.merging import JointTree, merge_joints
+from cageik_cli.rigs.skinning import group_joints
 from tests.fitted import Frames, small_binding, smooth_motion
 from tests.shapes import ball, merged, moved, rotation
 
