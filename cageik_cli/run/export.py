@@ -30,10 +30,11 @@ from cageik_cli.formats.write import (
 )
 from cageik_cli.geometry.parts import join_meshes, split_parts
 from cageik_cli.inputs.caged_model import CagedModel, report_skipped_frames
+from cageik_cli.inputs.input_frames import find_input, is_clean
 from cageik_cli.inputs.reconstruction import Reconstruction
-from cageik_cli.run.rig import check_rig, make_rig, measure_input_rms
+from cageik_cli.run.rig import check_rig, keeps_weights, make_rig, measure_input_rms
 from cageik_cli.run.settings import ExportSettings
-from cageik_cli.store.result import StoredAnimation, read_animation, read_cages
+from cageik_cli.store.result import Result, StoredAnimation, read_animation, read_cages
 from cageik_cli.util.arrays import Floats, count_frames
 from cageik_cli.util.errors import SettingError
 from cageik_cli.util.messages import Hint, join_texts, say
@@ -137,7 +138,17 @@ def _write_skeleton(
     progress: ProgressListener,
 ) -> ExportSummary:
     """Write the rest pose of a result, skinned to a joint per cage vertex."""
-    target = _read_skeleton(result, settings)
+    target, jobs = _read_skeleton(result, settings), count_processors()
+    is_kept = keeps_weights(target.binding, settings.influences, settings.joints)
+    if isinstance(result, Result) and is_clean(result) and not is_kept:
+        found = find_input(result, target, jobs)
+        if found is None:
+            progress.note(
+                "note",
+                f"{settings.output.path.name}: the skin follows what the cages give; put the input "
+                f"of {result.path.name} beside it, and it follows that",
+            )
+        target = found or target
     rig = make_rig(
         result,
         target,
@@ -148,7 +159,7 @@ def _write_skeleton(
         is_shaded=True,
         compares=settings.compares,
         input_rms=measure_input_rms(result),
-        jobs=count_processors(),
+        jobs=jobs,
     )
     animation = replace(animation, rest=rig.cage)
     skin, places = rig.stream(turns=settings.joints != "translate")

@@ -17,6 +17,7 @@ from cageik_cli.formats.base.skeleton import (
 )
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.seams import Seams
+from cageik_cli.inputs.input_frames import InputFrames
 from cageik_cli.inputs.reconstruction import Reconstruction
 from cageik_cli.method.solve.dual_laplacian import DualLaplacianSolver
 from cageik_cli.method.solve.settings import SolveSettings
@@ -56,7 +57,7 @@ COMPARED_INFLUENCES = (4, 8, 16, 32)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Rig:
-    """A skin, the motion of its joints, and how far it is from the reconstruction and the input.
+    """A skin, the motion of its joints, and how far it is from what it follows.
 
     Attributes
     ----------
@@ -65,15 +66,17 @@ class Rig:
     cage : TriMesh
         Its vertices are the joints at rest.
     rms, largest : float
-        Distances of the skinned mesh from the reconstruction, over all vertices and frames, in
-        percent of the diagonal of the rest pose.
+        Distances of the skinned mesh from the target, the reconstruction or the input, over all
+        vertices and frames, in percent of the diagonal of the rest pose.
     angles : (float, float), optional
-        Between the normals that the joints turn and those of the reconstruction, degrees: the
-        root mean square over all vertices and frames, and the 99th percentile. None where no
-        normals are written, no vertex has one, or the joints only translate.
+        Between the normals that the joints turn and those of the target, degrees: the root mean
+        square over all vertices and frames, and the 99th percentile. None where no normals are
+        written, no vertex has one, or the joints only translate.
     total : float, optional
         The largest that the rms distance from the input can be, in the same percent: that of the
-        reconstruction and this one, added. None where the input is not known.
+        reconstruction and this one, added, or that of the input. None where it is not known.
+    is_of_input : bool
+        Whether the target is the input.
     blocks : callable
         Yields all frames in order, which are posed as they are taken.
     """
@@ -85,6 +88,7 @@ class Rig:
     blocks: Callable[[], Iterator[JointPoses]]
     angles: tuple[float, float] | None = None
     total: float | None = None
+    is_of_input: bool = False
 
     def stream(self, turns: bool) -> tuple[Skin, Iterator[Floats]]:
         """Return the skin, and the places of its joints, (k, n, 3), in blocks of all frames.
@@ -101,7 +105,7 @@ class Rig:
 
     @property
     def figures(self) -> str:
-        """The errors against the reconstruction, in a few characters."""
+        """The errors, in a few characters."""
         return f"{self.rms:.2g}, {self.largest:.2g} %"
 
     @property
@@ -122,7 +126,10 @@ class Rig:
         if self.skin.cage_joints is not None:
             clauses[0] = f"{len(self.cage.vertices)} joints, {clauses[0]}"
         added = f"it adds an rms of {self.rms:.2g} %, largest {self.largest:.2g} %"
-        if self.largest < 1e-6:  # rounding: single precision is coarser
+        if self.is_of_input:
+            stated = f"an rms of {self.rms:.2g} %, largest {self.largest:.2g} % of the diagonal"
+            clauses.append(f"against the input, {stated}")
+        elif self.largest < 1e-6:  # rounding: single precision is coarser
             clauses.append("the mesh moves as with the full weights")
         elif self.total is None:
             clauses.append(f"{added} of the diagonal, against the full weights")
@@ -148,7 +155,7 @@ def make_rig(
     memory: int = DEFAULT_MEMORY,
     jobs: int = 1,
 ) -> Rig:
-    """Return a mesh that follows a reconstruction by skin weights, and note its error.
+    """Return a mesh that follows a reconstruction, or the input, by skin weights; note its error.
 
     Parameters
     ----------
@@ -183,7 +190,9 @@ def make_rig(
         rig = fit_rig(influences, joints)
         if seams is not None:
             rig = _split(rig, target.binding.rest, seams)
-        if input_rms is not None:
+        if rig.is_of_input:
+            rig = replace(rig, total=rig.rms)
+        elif input_rms is not None:
             rig = replace(rig, total=input_rms + rig.rms)
         progress.note("note", f"{name}: {rig.message}")
         if compares:
@@ -215,12 +224,12 @@ def _fit_rig(
     Few weights that the target has are made for joints that only translate.
     """
     binding, turns = target.binding, joints != "translate"
+    if keeps_weights(binding, influences, joints):
+        return _keep_weights(target)
     if influences is None and isinstance(joints, int):
         influences = min(DEFAULT_INFLUENCES, joints)
-    if turns and influences is None and binding.has_offsets:
+    if influences is None and binding.has_offsets:
         influences = _count_influences(binding)
-    if not turns and (influences is None or _has_few(binding, influences)):
-        return _keep_weights(target)
     with error_context("few influences, with the alpha and beta of the result"):
         held, labels, limbs = binding, None, None
         is_grouped = is_shaded and len(binding.cage.vertices) >= 2 * MIN_JOINTS_PER_LIMB
@@ -250,6 +259,12 @@ def _fit_rig(
 
         rig = _measure_rig(target, held.cage, weights, pose, is_shaded=turns and is_shaded)
         return replace(rig, skin=replace(rig.skin, cage_joints=labels, limbs=limbs))
+
+
+def keeps_weights(binding: Binding, influences: int | None, joints: str | int) -> bool:
+    """Return whether joints are the cage vertices, and have their weights as they are."""
+    is_held = influences is None or _has_few(binding, influences)
+    return joints == "translate" and is_held
 
 
 def check_rig(result: StoredAnimation, influences: int | None, joints: str | int) -> None:
@@ -295,7 +310,7 @@ def _settle_rest(target: Reconstruction) -> Reconstruction:
     That differs by more than rounding where vertices outside the cage were projected.
     """
     binding = target.binding
-    if binding.has_offsets:
+    if binding.has_offsets or isinstance(target, InputFrames):
         return target
     vertices = reconstruct(binding.weights, binding.cage.vertices[None])[0]
     rest = binding.rest.move(vertices)
@@ -312,6 +327,8 @@ def _weld(target: Reconstruction, seams: Seams) -> Reconstruction:
     """Return a target with one vertex for those that never come apart."""
     binding = target.binding
     welded = replace(binding, rest=seams.weld(), weights=binding.weights[seams.firsts])
+    if isinstance(target, InputFrames):
+        return target.take(welded, seams.firsts)
     return Reconstruction(welded, target.cages)
 
 
@@ -383,5 +400,6 @@ def _measure_rig(
         rms=percent * float(np.sqrt(squares / count)),
         largest=percent * float(np.sqrt(largest)),
         angles=None if normals is None else normals.summarize(),
+        is_of_input=isinstance(target, InputFrames),
         blocks=lambda: map(pose, target.blocks(FRAMES_PER_RIG_BLOCK)),
     )

@@ -140,6 +140,10 @@ def test_a_skeleton_says_what_it_costs(run, result):
     words = ["--skeleton", "--influences", "3", "--overwrite"]
     outcome = run("export", "cages.h5", "c.usda", *words)
     note = " ".join(outcome.err.split())
+    assert "c.usda: up to 3 influences per vertex; against the input, an rms of " in note
+    Path("frames").rename(Path("..") / "away")
+    outcome = run("export", "cages.h5", "c.usda", *words)
+    note = " ".join(outcome.err.split())
     assert "c.usda: up to 3 influences per vertex; it adds an rms of " in note
     assert "; against the input, the rms is at most " in note
     assert "degrees off (rms), 1 % of them more than " in note

@@ -1,0 +1,141 @@
+"""The frames that a result was extracted from, where their files are still to be found.
+
+A result records the names of files and a digest, not where they were. They are looked for in the
+folder of the result and in the one that the command runs in, frames of one file each also one
+folder below. What is found is the input if its digest is the recorded one, and the cages of the
+result are as far from a few of its frames as is recorded.
+"""
+
+from collections.abc import Iterator
+from contextlib import suppress
+from pathlib import Path
+
+import numpy as np
+
+from cageik_cli.captured.settings import CaptureSettings
+from cageik_cli.formats.base.sequence import MeshSequence
+from cageik_cli.formats.open import open_sequence
+from cageik_cli.formats.settings import ClipSettings
+from cageik_cli.inputs.reconstruction import Reconstruction
+from cageik_cli.method.weights.binding import Binding
+from cageik_cli.rigs.joints import JointPoses
+from cageik_cli.store.result import Result
+from cageik_cli.util.arrays import Floats, Integers
+from cageik_cli.util.errors import InputError
+from cageik_cli.util.settings import list_settings
+from cageik_cli.util.threads import OrderedMap
+
+COMPARED_FRAMES = 3
+"""Frames of what was found that are compared with the cages of the result."""
+
+MAX_ERROR_CHANGE = 1e-3
+"""The error of such a frame may differ by this share from the recorded one."""
+
+
+class InputFrames(Reconstruction):
+    """The frames of a clip in place of what the cages give; filled gaps are as the cages have them.
+
+    Parameters
+    ----------
+    reconstruction : Reconstruction
+        Of the cages.
+    clip : MeshSequence
+    places : list of int
+        Where in the clip each frame is.
+    jobs : int
+        Threads that read frames ahead.
+    vertices : (k,) int64, optional
+        Those of the frames that are taken; all if absent.
+    """
+
+    def __init__(
+        self,
+        reconstruction: Reconstruction,
+        clip: MeshSequence,
+        places: list[int],
+        jobs: int = 1,
+        vertices: Integers | None = None,
+    ) -> None:
+        super().__init__(reconstruction.binding, reconstruction.cages)
+        self._reconstruction, self._clip, self._places = reconstruction, clip, places
+        self._jobs, self._vertices = jobs, vertices
+
+    def take(self, binding: Binding, vertices: Integers) -> "InputFrames":
+        """Return the frames of some vertices, (k,), of which `binding` is."""
+        reconstruction = Reconstruction(binding, self.cages)
+        return InputFrames(reconstruction, self._clip, self._places, self._jobs, vertices)
+
+    def read_frame(self, index: int) -> Floats:
+        """Return the mesh (m, 3) of a frame that fills no gap."""
+        return self._read(int(self.cages.known[index]))
+
+    def _read(self, frame: int) -> Floats:
+        mesh = self._clip.read_frame(self._places[frame])
+        return mesh if self._vertices is None else mesh[self._vertices]
+
+    def blocks(self, size: int) -> Iterator[JointPoses]:
+        """Yield all frames in order, in blocks of at most `size`."""
+        is_known = np.isin(np.arange(self.cages.count), self.cages.known)
+
+        def read(frame: int) -> Floats | None:
+            return self._read(frame) if is_known[frame] else None
+
+        with OrderedMap(read, range(self.cages.count), self._jobs, 2 * self._jobs) as meshes:
+            for block in self._reconstruction.blocks(size):
+                found = block.meshes.copy()
+                for mesh in found:
+                    known = next(meshes)
+                    mesh[:] = mesh if known is None else known
+                yield JointPoses(block.cages, block.rotations, found)
+
+
+def is_clean(result: Result) -> bool:
+    """Return whether all of the input is data that counts alike: a skin may follow it.
+
+    Where vertices are missing, rejected or weighted, the cages know better than the input.
+    """
+    names = {setting.name for _, setting in list_settings(CaptureSettings)} | {"missing"}
+    is_weighted = bool(result.settings.get("vertex_weights"))
+    is_whole = bool(np.isfinite(result.vertex_rms).all())
+    return is_whole and not is_weighted and names.isdisjoint(result.settings)
+
+
+def find_input(result: Result, reconstruction: Reconstruction, jobs: int = 1) -> InputFrames | None:
+    """Find the frames that a result was extracted from; None if they are not there."""
+    for arguments in _list_candidates(result):
+        with suppress(InputError):
+            exclude = tuple(result.settings.get("exclude", ()))
+            clip = open_sequence(arguments, ClipSettings(gaps="close", exclude=exclude))
+            numbers = {name: number for number, name in enumerate(clip.names)}
+            is_input = clip.describe_source() == result.sources["frames"]
+            if is_input and all(name in numbers for name in result.frames):
+                places = [numbers[name] for name in result.frames]
+                found = InputFrames(reconstruction, clip, places, jobs)
+                if _is_as_far(result, reconstruction, found):
+                    return found
+    return None
+
+
+def _list_candidates(result: Result) -> Iterator[list[str]]:
+    """Yield what may name the input: a file, or a file of each frame."""
+    name, _, member = str(result.sources.get("frames", {}).get("name", "")).partition("::")
+    suffix = f"::{member}" if member else ""
+    for folder in dict.fromkeys([result.path.parent, Path()]):
+        if name and (folder / name).is_file():
+            yield [f"{folder / name}{suffix}"]
+        for inside in (folder, *sorted(path for path in folder.iterdir() if path.is_dir())):
+            if (inside / result.frames[0]).is_file():
+                yield [f"{inside / frame}{suffix}" for frame in result.frames]
+
+
+def _is_as_far(result: Result, reconstruction: Reconstruction, found: InputFrames) -> bool:
+    """Return whether some frames are as far from what the cages give as is recorded."""
+    used, known = reconstruction.binding.rest.used_vertices, reconstruction.cages.known
+    for index in np.linspace(0, len(known) - 1, COMPARED_FRAMES).astype(int).tolist():
+        offsets = found.read_frame(index) - reconstruction.read_frame(index)
+        rms = np.sqrt(np.square(offsets[used]).sum(axis=1).mean())
+        noise = 1e-7 * result.rest.diagonal
+        recorded = result.metrics.rms[known[index]]
+        if not np.isclose(rms, recorded, rtol=MAX_ERROR_CHANGE, atol=noise):
+            return False
+    return True
