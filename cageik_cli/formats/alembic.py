@@ -13,6 +13,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
 from itertools import accumulate
+from math import ceil, floor
 from pathlib import Path
 from threading import Lock
 from typing import Any
@@ -23,14 +24,17 @@ from numpy.typing import NDArray
 from cageik_cli.formats.base.files import ClaimedBytes, require_unicode
 from cageik_cli.formats.base.mesh_data import LayerReaders, list_layer_readers
 from cageik_cli.formats.base.scene_graph import (
+    EVEN_STEP_TOL,
     LibraryError,
     Polygons,
     SceneMesh,
     SceneReader,
+    blend_transforms,
     round_frame_step,
+    sample_evenly,
 )
 from cageik_cli.formats.base.writers import SHAPE_SUFFIX, Animation, AnimationWriter, to_float32
-from cageik_cli.formats.settings import SceneHints, find_frame_step
+from cageik_cli.formats.settings import Scene, SceneHints, find_frame_step
 from cageik_cli.geometry.attributes import LAYERS, FaceLabels, SurfaceAttributes
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.shape import compute_corner_normals
@@ -42,7 +46,7 @@ from cageik_cli.util.errors import (
     require_optional,
 )
 from cageik_cli.util.files import open_input
-from cageik_cli.util.messages import Said
+from cageik_cli.util.messages import Note, Said, say
 from cageik_cli.util.text import single_line
 
 PARAMETERS = {"uvs": "getUVsParam", "normal_fans": "getNormalsParam"}
@@ -50,6 +54,12 @@ PARAMETERS = {"uvs": "getUVsParam", "normal_fans": "getNormalsParam"}
 
 FPS_KEY = "cageik_fps"
 """Where a mesh states the frame rate. The archive could only state it together with the time."""
+
+MAX_BAKED_STEP = 0.1
+"""Seconds between samples of transforms: longer steps are between keys if no rate is stated."""
+
+MAX_KEYED_FRAMES = 100_000
+"""Frames that transforms with few keys are sampled at, at most."""
 
 SAME_TIME_TOL = 1e-6
 """Times that differ by less than this share of a step are one: seconds of other rates round."""
@@ -127,6 +137,31 @@ class Reader(SceneReader):
         steps = np.diff(times, prepend=-np.inf)
         return set(times[steps > SAME_TIME_TOL * mean].tolist())
 
+    def sample_keys(
+        self, times: Floats, step: float | None, fps: float | None
+    ) -> tuple[Floats, Note] | None:
+        """Return the times of frames at the archive's rate where transforms have few keys.
+
+        It is that which is asked for, else that which is stated. Without a stated one, steps above
+        `MAX_BAKED_STEP` are between keys.
+        """
+        stated = _read_frame_rate(self._archive, self._stated_rates)
+        baked = MAX_BAKED_STEP if stated is None else 1 / stated
+        if not self.has_keyed_motion() or (
+            step is not None and step <= baked * (1 + EVEN_STEP_TOL)
+        ):
+            return None
+        rate = fps or stated or Scene().fps
+        first, last = ceil(times[0] * rate - EVEN_STEP_TOL), floor(times[-1] * rate + EVEN_STEP_TOL)
+        if last <= first:
+            return None
+        found = f"its transforms have {len(times)} keys from {times[0]:g} to {times[-1]:g} s"
+        frames = sample_evenly(first, last, 1, MAX_KEYED_FRAMES) / rate
+        if fps or stated:
+            return frames, Note(f"{found}: frames are {rate:g} per second")
+        text = f"{found}, and it states no rate: frames are {rate:g} per second; "
+        return frames, Note(text + say("`fps=` takes another rate"), "warning")
+
     def describe_scene(self, times: Floats, step: float | None) -> SceneHints:
         """Return frame rate and frame numbers, of whole frames if a rate is stated.
 
@@ -163,6 +198,10 @@ class AlembicMesh(SceneMesh):
         if len(times) < 2:
             times = set().union(*map(_sample_times, self._transforms), times)
         return times
+
+    def list_point_times(self) -> set[float]:
+        """List the times of the points."""
+        return _sample_times(self._points)
 
     def compute_matrix(self, time: float) -> Floats:
         """Return the product of the transforms."""
@@ -538,7 +577,11 @@ def _locate_samples(sampled: Any, time: float) -> tuple[int, int, float]:
 
 
 def _interpolate_matrix(transform: Any, time: float) -> Floats:
-    """Return a transform at a time, interpolated linearly between two samples."""
+    """Return a transform at a time between two samples.
+
+    Its operations, such as a rotation by an angle, are interpolated linearly, as programs do.
+    Matrices are taken apart for that: a turn stays a turn.
+    """
     from alembic3d.Abc import ISampleSelector
 
     if transform.getNumSamples() == 0:
@@ -546,10 +589,33 @@ def _interpolate_matrix(transform: Any, time: float) -> Floats:
     start, stop, part = _locate_samples(transform, time)
     before, after = (
         # By its time: a selector would take an index for seconds, too.
-        np.array([list(row) for row in transform.getValue(ISampleSelector(at)).getMatrix()])
+        transform.getValue(ISampleSelector(at))
         for at in map(transform.getTimeSampling().getSampleTime, (start, stop))
     )
-    return np.asarray(before + part * (after - before))
+    if part == 0:
+        return _to_matrix(before)
+    operations = [each.getOp(k) for each in (before, after) for k in range(each.getNumOps())]
+    if before.isTopologyEqual(after) and not any(each.isMatrixOp() for each in operations):
+        return _blend_operations(before, after, part)
+    return blend_transforms(_to_matrix(before), _to_matrix(after), part)
+
+
+def _to_matrix(sample: Any) -> Floats:
+    return np.array([list(row) for row in sample.getMatrix()])
+
+
+def _blend_operations(before: Any, after: Any, part: float) -> Floats:
+    """Return the matrix of a sample between two that have the same operations."""
+    from alembic3d.AbcGeom import XformSample
+
+    blend = XformSample()
+    for k in range(before.getNumOps()):
+        operation, other = before.getOp(k), after.getOp(k)
+        for channel in range(operation.getNumChannels()):
+            start, stop = (each.getChannelValue(channel) for each in (operation, other))
+            operation.setChannelValue(channel, start + part * (stop - start))
+        blend.addOp(operation)
+    return _to_matrix(blend)
 
 
 def is_still(thing: Any) -> bool:

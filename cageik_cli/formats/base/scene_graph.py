@@ -7,6 +7,7 @@ from contextlib import AbstractContextManager
 from functools import cached_property
 from importlib import import_module
 from itertools import chain, takewhile
+from math import floor
 from pathlib import Path
 from time import process_time
 from typing import Any
@@ -23,6 +24,7 @@ from cageik_cli.formats.settings import ClipSettings, SceneHints
 from cageik_cli.geometry.attributes import make_part_transform
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.parts import join_meshes
+from cageik_cli.geometry.rotations import nearest_rotations_by_svd
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import (
     ConnectivityError,
@@ -39,6 +41,9 @@ Polygons = tuple[Integers, Integers]
 
 EVEN_STEP_TOL = 1e-4
 """Steps that differ by more than this fraction of their mean are uneven."""
+
+MAX_KEYED_SHAPES = 2
+"""Points of more samples are baked, and decide when frames are; of two, they are keys."""
 
 MAX_TRIED_SECONDS = 1.0
 """Seconds of a processor that frames behind the first are read for in a trial of their file."""
@@ -61,6 +66,10 @@ class SceneMesh(ABC):
 
     def list_times(self) -> set[float]:
         """List when the points are sampled, or the transforms; nothing if none of them moves."""
+        return set()
+
+    def list_point_times(self) -> set[float]:
+        """List when the points are sampled; nothing if they do not move in the mesh's space."""
         return set()
 
     @abstractmethod
@@ -165,12 +174,31 @@ class SceneReader(ClipFile):
         """List when the meshes that are read are sampled; nothing if none of them moves."""
         return set(chain.from_iterable(mesh.list_times() for mesh in meshes))
 
+    def sample_keys(
+        self, times: Floats, step: float | None, fps: float | None
+    ) -> tuple[Floats, Note] | None:
+        """Return the times of frames where motion has few keys, and a note; else None.
+
+        `step` is as in `describe_scene`; `fps` is the rate that is asked for.
+        """
+        return None
+
+    def has_keyed_motion(self) -> bool:
+        """Return whether transforms or rigs alone move the meshes: points have few samples."""
+        is_moved = any(mesh.has_moving_transform() for mesh in self._meshes.values())
+        return is_moved and not self._has_baked_points()
+
+    def _has_baked_points(self) -> bool:
+        """Return whether points have samples that decide when frames are."""
+        counts = [len(mesh.list_point_times()) for mesh in self._meshes.values()]
+        return max(counts) > MAX_KEYED_SHAPES
+
     def replace_uneven(self, times: Floats) -> tuple[Floats, str]:
         """Return the times of frames in place of uneven ones, and a note."""
         note = f"its {len(times)} samples are not evenly spaced in time; each is used as one frame"
         return times, note
 
-    def describe_step(self, step: float | None) -> list[str]:
+    def describe_step(self, step: float | None) -> list[Note]:
         """Return a note on times that are far apart; `step` is as in `describe_scene`."""
         return []
 
@@ -211,7 +239,13 @@ class SceneReader(ClipFile):
                     raise FormatError(fault)
             with self.guard() as warnings, trials.silence():
                 notes = self._open_clip(path, request)
-        self.notes = tuple(Note(text, place=path.name) for text in (*notes, *warnings))
+        said = (*notes, *warnings)
+        self.notes = tuple(
+            Note(each.text, each.kind, path.name)
+            if isinstance(each, Note)
+            else Note(each, place=path.name)
+            for each in said
+        )
 
     def read_positions(self, index: int) -> Floats:
         """Read the vertices of one frame."""
@@ -230,18 +264,24 @@ class SceneReader(ClipFile):
                     )
             return np.concatenate(points)
 
-    def _open_clip(self, path: Path, request: ClipRequest) -> list[Said]:
+    def _open_clip(self, path: Path, request: ClipRequest) -> list[Said | Note]:
         """Find the meshes and their frames; return notes on what was changed."""
         found, hidden = self.list_meshes(path)
         top = self.find_top(request.member)
-        names, notes = choose_parts(list(found), top, request.settings.exclude, hidden)
+        names, left_out = choose_parts(list(found), top, request.settings.exclude, hidden)
+        notes: list[Said | Note] = [*left_out]
         self._meshes: dict[str, SceneMesh] = {}
         for name in names:
             with error_context(name):
                 self._meshes[name] = self.open_mesh(found[name])
         times = np.array(sorted(self.list_times(list(self._meshes.values())) or {0.0}))
         step = find_step(times)
-        if step is None and len(times) > 1:
+        sampled = self.sample_keys(times, step, request.settings.fps) if len(times) > 1 else None
+        if sampled is not None:
+            times, chosen = sampled
+            step = find_step(times)
+            notes.append(chosen)
+        elif step is None and len(times) > 1:
             times, note = self.replace_uneven(times)
             step = find_step(times)
             notes.append(note)
@@ -251,7 +291,7 @@ class SceneReader(ClipFile):
         self.first = self._read_first(request, notes)
         return notes
 
-    def _read_first(self, request: ClipRequest, notes: list[Said]) -> TriMesh:
+    def _read_first(self, request: ClipRequest, notes: list[Said | Note]) -> TriMesh:
         """Read the meshes of the first frame as parts of one, and note what was changed."""
         time, polygons = self._times[0], 0
         meshes, transforms = [], []
@@ -331,6 +371,28 @@ def transform_points(points: NDArray[np.floating], matrix: Floats) -> Floats:
         return np.asarray(exact @ matrix[:3, :3] + matrix[3, :3])
 
 
+def blend_transforms(before: Floats, after: Floats, part: float) -> Floats:
+    """Return a transform (4, 4) of rows at a part of the way between two.
+
+    Translations and stretches, of A = P R with R a rotation, are taken linearly, and rotations turn
+    evenly about one axis. If one of the two mirrors, all is taken linearly.
+    """
+    from scipy.spatial.transform import Rotation
+
+    linear = np.asarray(before + part * (after - before))
+    blocks = np.stack([before[:3, :3], after[:3, :3]])
+    signs = np.sign(np.linalg.det(blocks))
+    if signs[0] != signs[1] or not signs[0]:
+        return linear
+    blocks *= signs[0]
+    turns = nearest_rotations_by_svd(blocks)
+    stretches = blocks @ turns.swapaxes(1, 2)
+    between = Rotation.from_matrix(turns[0].T @ turns[1]).as_rotvec() * part
+    stretch = stretches[0] + part * (stretches[1] - stretches[0])
+    linear[:3, :3] = signs[0] * stretch @ turns[0] @ Rotation.from_rotvec(between).as_matrix()
+    return linear
+
+
 def is_mirroring(matrix: Floats) -> bool:
     """Return whether a matrix turns a surface inside out."""
     with np.errstate(invalid="ignore", over="ignore"):
@@ -344,6 +406,23 @@ def find_step(times: Floats) -> float | None:
         return None
     mean = float(times[-1] - times[0]) / len(steps)
     return mean if (np.abs(steps - mean) <= EVEN_STEP_TOL * mean).all() else None
+
+
+def sample_evenly(first: float, last: float, step: float, max_count: int) -> Floats:
+    """Return times from the first on, in steps, up to the last, which rounding does not leave out.
+
+    Raises
+    ------
+    FormatError
+        When they are more than `max_count`.
+    """
+    count = floor(min((last - first) / step + EVEN_STEP_TOL, max_count)) + 1
+    if count > max_count:
+        raise FormatError(
+            f"its keys span {(last - first) / step:.0f} frames, expected at most {max_count}; bake "
+            "it to one sample per frame"
+        )
+    return first + step * np.arange(count, dtype=np.float64)
 
 
 def round_frame_step(step: float | None) -> float | None:

@@ -21,6 +21,7 @@ from cageik_cli.formats.base.scene_graph import (
     SceneReader,
     is_mirroring,
     round_frame_step,
+    sample_evenly,
 )
 from cageik_cli.formats.settings import SceneHints
 from cageik_cli.formats.usd.library import (
@@ -40,7 +41,7 @@ from cageik_cli.geometry.attributes import (
 )
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import FormatError, error_context
-from cageik_cli.util.messages import Said
+from cageik_cli.util.messages import Note, Said, say
 from cageik_cli.util.text import format_count, single_line
 
 MAX_TIME_CODES = 100_000
@@ -121,16 +122,56 @@ class Reader(SceneReader):
             f"codes {first} to {last}"
         )
 
-    def describe_step(self, step: float | None) -> list[str]:
+    def sample_keys(
+        self, times: Floats, step: float | None, fps: float | None
+    ) -> tuple[Floats, Note] | None:
+        """Return the frames of the stage's range where transforms or rigs have few keys.
+
+        Without a range, they are the whole time codes between the keys; but rigs, which programs
+        bake, have a frame at each of even samples.
+        """
+        stage = self._stage
+        codes, rate = stage.GetTimeCodesPerSecond(), stage.GetFramesPerSecond()
+        own = codes / rate if stage.HasAuthoredMetadata("framesPerSecond") and rate > 0 else 1.0
+        own = max(1.0, own)
+        if not self.has_keyed_motion() or (step is not None and step <= own * (1 + EVEN_STEP_TOL)):
+            return None
+        found = f"its motion has {len(times)} keys from {times[0]:g} to {times[-1]:g}"
+        first, last = stage.GetStartTimeCode(), stage.GetEndTimeCode()
+        if stage.HasAuthoredTimeCodeRange() and max(first, times[0]) < min(last, times[-1]):
+            text = f"{found}: frames are those of its range, {first:g} to {last:g}, in steps of "
+            return sample_evenly(first, last, own, MAX_TIME_CODES), Note(f"{text}{own:g}")
+        is_moved = any(mesh.has_moving_transform() for mesh in self._usd_meshes)
+        if step is not None and not is_moved:
+            return None
+        first, last = ceil(times[0] - EVEN_STEP_TOL), floor(times[-1] + EVEN_STEP_TOL)
+        if last <= first:
+            return None
+        text = f"{found}, and it states no range: frames are at the whole time codes {first} to "
+        chosen = say("; choose others by `selection=`")
+        return sample_evenly(first, last, 1, MAX_TIME_CODES), Note(
+            f"{text}{last}" + chosen, "warning"
+        )
+
+    def has_keyed_motion(self) -> bool:
+        """Return whether transforms or rigs alone move the meshes."""
+        is_rig = any(mesh.is_moved_by_rig for mesh in self._usd_meshes)
+        return super().has_keyed_motion() or (is_rig and not self._has_baked_points())
+
+    def describe_step(self, step: float | None) -> list[Note]:
         """Return a note if a rig is sampled more rarely than at each time code."""
-        meshes = self._meshes.values()
-        is_rig = any(isinstance(mesh, UsdSceneMesh) and mesh.is_moved_by_rig for mesh in meshes)
+        is_rig = any(mesh.is_moved_by_rig for mesh in self._usd_meshes)
         if step is None or step <= 1 + EVEN_STEP_TOL or not is_rig:
             return []
-        return [
+        text = (
             f"its rig has samples {step:.6g} time codes apart, and a frame at each of them; export "
             "it with one at each time code for the frames between"
-        ]
+        )
+        return [Note(text, "warning")]
+
+    @property
+    def _usd_meshes(self) -> list["UsdSceneMesh"]:
+        return [mesh for mesh in self._meshes.values() if isinstance(mesh, UsdSceneMesh)]
 
     def describe_scene(self, times: Floats, step: float | None) -> SceneHints:
         """Return what the stage states."""
@@ -179,6 +220,10 @@ class UsdSceneMesh(SceneMesh):
         """List the time samples of points, of transforms and of the rig."""
         posed = set() if self._pose is None else self._pose.list_times()
         return {*self._mesh.GetPointsAttr().GetTimeSamples(), *self._transform_times, *posed}
+
+    def list_point_times(self) -> set[float]:
+        """List the time samples of the points."""
+        return set(self._mesh.GetPointsAttr().GetTimeSamples())
 
     def compute_matrix(self, time: float) -> Floats:
         """Return the transform of the prim into the stage."""
