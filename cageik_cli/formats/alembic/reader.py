@@ -1,18 +1,9 @@
-"""Alembic in and out: polygon meshes, below transforms, that have samples in time.
+"""A clip in Alembic: meshes whose points or transforms have samples, and their surfaces."""
 
-UVs, normals and materials are those of the first sample; other programs know materials as face
-sets.
-"""
-
-import errno
-import os
-import shutil
-from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
-from itertools import accumulate
 from math import ceil, floor
 from pathlib import Path
 from threading import Lock
@@ -21,6 +12,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cageik_cli.formats.alembic.library import FPS_KEY, require_alembic
+from cageik_cli.formats.alembic.paths import name_parts
+from cageik_cli.formats.alembic.transforms import (
+    SAME_TIME_TOL,
+    find_transforms,
+    interpolate_matrix,
+    is_still,
+    locate_samples,
+)
 from cageik_cli.formats.base.files import ClaimedBytes, require_unicode
 from cageik_cli.formats.base.mesh_data import LayerReaders, list_layer_readers
 from cageik_cli.formats.base.scene_graph import (
@@ -29,22 +29,13 @@ from cageik_cli.formats.base.scene_graph import (
     Polygons,
     SceneMesh,
     SceneReader,
-    blend_transforms,
     round_frame_step,
     sample_evenly,
 )
-from cageik_cli.formats.base.writers import SHAPE_SUFFIX, Animation, AnimationWriter, to_float32
 from cageik_cli.formats.settings import Scene, SceneHints, find_frame_step
 from cageik_cli.geometry.attributes import LAYERS, FaceLabels, SurfaceAttributes
-from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.geometry.shape import compute_corner_normals
 from cageik_cli.util.arrays import Floats, Integers
-from cageik_cli.util.errors import (
-    ConnectivityError,
-    FileAccessError,
-    FormatError,
-    require_optional,
-)
+from cageik_cli.util.errors import ConnectivityError, FileAccessError, FormatError
 from cageik_cli.util.files import open_input
 from cageik_cli.util.messages import Note, Said, say
 from cageik_cli.util.text import single_line
@@ -52,17 +43,11 @@ from cageik_cli.util.text import single_line
 PARAMETERS = {"uvs": "getUVsParam", "normal_fans": "getNormalsParam"}
 """What returns the parameter of a mesh that holds a layer of numbers."""
 
-FPS_KEY = "cageik_fps"
-"""Where a mesh states the frame rate. The archive could only state it together with the time."""
-
 MAX_BAKED_STEP = 0.1
 """Seconds between samples of transforms: longer steps are between keys if no rate is stated."""
 
 MAX_KEYED_FRAMES = 100_000
 """Frames that transforms with few keys are sampled at, at most."""
-
-SAME_TIME_TOL = 1e-6
-"""Times that differ by less than this share of a step are one: seconds of other rates round."""
 
 
 class Reader(SceneReader):
@@ -190,7 +175,7 @@ class AlembicMesh(SceneMesh):
 
         self._schema = IPolyMesh(thing, WrapExistingFlag.kWrapExisting).getSchema()
         self._claimed, self._points = claimed, self._schema.getPositionsProperty()
-        self._transforms = _find_transforms(thing)
+        self._transforms = find_transforms(thing)
 
     def list_times(self) -> set[float]:
         """List the times of the points, or of the transforms if the points do not move."""
@@ -207,7 +192,7 @@ class AlembicMesh(SceneMesh):
         """Return the product of the transforms."""
         matrix = np.eye(4)
         for transform in self._transforms:
-            matrix = matrix @ _interpolate_matrix(transform, time)
+            matrix = matrix @ interpolate_matrix(transform, time)
         return matrix
 
     def has_moving_transform(self) -> bool:
@@ -216,7 +201,7 @@ class AlembicMesh(SceneMesh):
 
     def read_points(self, time: float) -> np.ndarray:
         """Read the points at a time, interpolated linearly between two samples."""
-        start, stop, part = _locate_samples(self._points, time)
+        start, stop, part = locate_samples(self._points, time)
         before, after = (
             np.array(_read_sample(self._points, index, self._claimed.packed), np.float32).reshape(
                 -1, 3
@@ -307,12 +292,6 @@ class AlembicMesh(SceneMesh):
         return np.asarray(found, np.int64)
 
 
-def require_alembic(purpose: str) -> None:
-    """Raise MissingLibraryError without alembic3d, which is needed for a purpose."""
-    with require_optional("alembic3d", purpose):
-        import alembic3d  # noqa: F401
-
-
 def _iterate_descendants(thing: Any) -> Iterator[Any]:
     for child in thing.children:
         yield child
@@ -343,78 +322,6 @@ def _read_frame_rate(archive: Any, stated: list[str]) -> float | None:
     return None
 
 
-class Writer(AnimationWriter):
-    """Each frame at its number / fps seconds, of each part at its path; faces turn clockwise there.
-
-    A mesh that came as one is `/NAME`.
-    """
-
-    suffixes = (".abc",)
-    is_single = True
-    keeps_parts = True
-
-    @classmethod
-    def require_libraries(cls) -> None:
-        """Raise MissingLibraryError without alembic3d."""
-        require_alembic("writing .abc")
-
-    def __init__(self, target: Path, animation: Animation) -> None:
-        self.require_libraries()
-        from alembic3d.Abc import OArchive
-        from alembic3d.AbcCoreAbstract import MetaData, TimeSampling
-        from alembic3d.AbcGeom import OPolyMesh
-
-        _check_disk_space(target, animation)
-        scene, parts = animation.scene, animation.split()
-        try:
-            # With a name of the program, the archive would hold the time, too.
-            archive = OArchive(require_unicode(target))
-            step, start = scene.frame_step / scene.fps, scene.start / scene.fps
-            times = archive.addTimeSampling(TimeSampling(step, start))
-            stated = MetaData()
-            stated.set(FPS_KEY, f"{scene.fps:.12g}")
-            paths = [f"/{part.name.strip('/')}" for part in parts]
-            are_still = [np.array_equal(part.transform, np.eye(4)) for part in parts]
-            places = [path.rpartition("/") for path in place_meshes(paths, are_still)]
-            matrices: dict[str, Floats] = {}
-            for (above, _, _), part in zip(places, parts, strict=True):
-                matrices.setdefault(above, part.transform)
-            tree = _TransformTree(archive.getTop(), matrices)
-            # The last references to the file: it is closed with these.
-            self._meshes = []
-            for (above, _, name), part in zip(places, parts, strict=True):
-                schema = OPolyMesh(tree.define(above), name, stated, times).getSchema()
-                self._meshes.append((schema, _AlembicSurface(part.own_mesh), part))
-        except RuntimeError as error:
-            raise OSError(str(error)) from error
-
-    def append(self, frames: Floats) -> None:
-        """Write the next frames."""
-        for positions in frames:
-            for schema, surface, part in self._meshes:
-                schema.set(surface.make_sample(part.select(positions)))
-
-    def complete(self) -> None:
-        """Write what is of all frames, and close the file."""
-        for schema, surface, _ in self._meshes:
-            surface.write_face_sets(schema)
-        self.abandon()
-
-    def abandon(self) -> None:
-        """Close the file."""
-        self.__dict__.pop("_meshes", None)
-
-
-def _check_disk_space(target: Path, animation: Animation) -> None:
-    """Refuse what does not fit: Alembic ends the process when its last write fails."""
-    rest = animation.rest
-    corners = 0 if rest.attributes is None else len(rest.attributes.corners)
-    size = 12 * animation.frame_count * (len(rest.vertices) + corners) + 16 * len(rest.faces)
-    size += 1 << 16  # at most, besides the arrays
-    if size > shutil.disk_usage(target.parent).free:
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-
-
 def _read_safely(
     read: Callable[[SurfaceAttributes], SurfaceAttributes], attributes: SurfaceAttributes
 ) -> SurfaceAttributes:
@@ -442,217 +349,3 @@ def _read_sample(sampled: Any, index: int, size: int) -> Any:
     if needed > size:
         raise FormatError(f"{name} takes {needed} bytes of a file of {size}; export it again")
     return sampled.getValue(index)
-
-
-class _AlembicSurface:
-    """The faces of a mesh as Alembic has them, clockwise, with their UVs and normals."""
-
-    def __init__(self, mesh: TriMesh) -> None:
-        from alembic3d.AbcGeom import GeometryScope, OV2fGeomParamSample
-        from imath import IntArrayFromBuffer, UnsignedIntArray, V2fArrayFromBuffer
-
-        self._attributes = attributes = mesh.polygons.reverse(keeps_first=False)
-        self._faces = tuple(
-            IntArrayFromBuffer(np.ascontiguousarray(part, np.int32))
-            for part in (attributes.corners, attributes.corner_counts)
-        )
-        self._uvs = None
-        if attributes.uvs is not None:  # of corners; those without are at zero
-            values, indices = attributes.uvs.complete()
-            numbers = UnsignedIntArray(len(indices))
-            for place, index in enumerate(indices.tolist()):
-                numbers[place] = index
-            table = V2fArrayFromBuffer(to_float32(values))
-            self._uvs = OV2fGeomParamSample(table, numbers, GeometryScope.kFacevaryingScope)
-
-    def make_sample(self, positions: Floats) -> Any:
-        """Return the sample of a frame, (m, 3)."""
-        from alembic3d.AbcGeom import (
-            GeometryScope,
-            ON3fGeomParamSample,
-            OPolyMeshSchemaSample,
-            OV2fGeomParamSample,
-        )
-        from imath import V3fArrayFromBuffer
-
-        points = V3fArrayFromBuffer(to_float32(positions))
-        attributes = self._attributes
-        if attributes.normal_fans is None and self._uvs is None:
-            return OPolyMeshSchemaSample(points, *self._faces)
-        uvs = self._uvs or OV2fGeomParamSample()
-        if attributes.normal_fans is None:
-            return OPolyMeshSchemaSample(points, *self._faces, uvs)
-        # Of faces that are turned, they point inward.
-        normals = V3fArrayFromBuffer(to_float32(-compute_corner_normals(attributes, positions)))
-        sample = ON3fGeomParamSample(normals, GeometryScope.kFacevaryingScope)
-        return OPolyMeshSchemaSample(points, *self._faces, uvs, sample)
-
-    def write_face_sets(self, schema: Any) -> None:
-        """Write a face set for each material, which other programs take as such."""
-        from alembic3d.AbcGeom import OFaceSetSchemaSample
-        from imath import IntArrayFromBuffer
-
-        labels = self._attributes.materials
-        taken: set[str] = set()
-        for name, polygons in labels.list_members() if labels is not None else ():
-            name = name.replace("/", "_")  # a slash would be a path
-            while name in taken:
-                name += "_"
-            taken.add(name)
-            faces = IntArrayFromBuffer(np.ascontiguousarray(polygons, np.int32))
-            schema.createFaceSet(name).getSchema().set(OFaceSetSchemaSample(faces))
-
-
-def place_meshes(parts: Sequence[str], are_still: Sequence[bool]) -> list[str]:
-    """Return the paths of the meshes of parts, which are at these paths.
-
-    Programs call an object by the transform above its mesh. So a part is a transform of its name
-    with the mesh below, unless it is alone below a transform whose name its own begins with, as
-    in archives of such programs. A part at the top that nothing moves has no transform.
-    """
-    folders = [path.rpartition("/")[0] for path in parts]
-    crowd = Counter(folders)
-    uppers = {upper for path in parts for upper in accumulate(path.split("/")[:-1], "{}/{}".format)}
-    taken, placed = set(parts), []
-    for path, folder, is_still in zip(parts, folders, are_still, strict=True):
-        name, above = path.rpartition("/")[2], folder.rpartition("/")[2]
-        is_shape = crowd[folder] == 1 and name.startswith(above) and folder not in taken
-        if path not in uppers and (is_shape if folder else is_still):
-            placed.append(path)
-        else:
-            placed.append(f"{path}/{name}{SHAPE_SUFFIX}")
-    return placed
-
-
-def name_parts(meshes: Sequence[str], are_still: Sequence[bool]) -> list[str]:
-    """Return the paths of parts whose meshes are at these paths.
-
-    A mesh `NAME/NAMEShape` is the part `NAME`, where `place_meshes` puts that part there again.
-    """
-    parts = list(meshes)
-    for k, path in enumerate(meshes):
-        folder = path.rpartition("/")[0]
-        if folder and path == f"{folder}/{folder.rpartition('/')[2]}{SHAPE_SUFFIX}":
-            parts[k] = folder
-    while True:
-        placed, counts = place_meshes(parts, are_still), Counter(parts)
-        lost = [
-            k
-            for k, path in enumerate(meshes)
-            if parts[k] != path and (placed[k] != path or counts[parts[k]] > 1)
-        ]
-        if not lost:
-            return parts
-        for k in lost:
-            parts[k] = meshes[k]
-
-
-def _find_transforms(thing: Any) -> list[Any]:
-    """Return the transforms that move an object, its own first."""
-    from alembic3d.Abc import WrapExistingFlag
-    from alembic3d.AbcGeom import IXform
-
-    found = []
-    while thing.getParent().valid():
-        if IXform.matches(thing.getHeader()):
-            found.append(IXform(thing, WrapExistingFlag.kWrapExisting).getSchema())
-            if not found[-1].getInheritsXforms():
-                break
-        thing = thing.getParent()
-    return found
-
-
-def _locate_samples(sampled: Any, time: float) -> tuple[int, int, float]:
-    """Return the samples before and after a time, and the part of the way between them.
-
-    At a sample, to rounding of its time, they are the same.
-    """
-    count, sampling = sampled.getNumSamples(), sampled.getTimeSampling()
-    start, stop = sampling.getFloorIndex(time, count), sampling.getCeilIndex(time, count)
-    begin, end = sampling.getSampleTime(start), sampling.getSampleTime(stop)
-    part = (time - begin) / (end - begin) if end > begin else 0.0
-    if part < SAME_TIME_TOL:
-        return start, start, 0.0
-    return (stop, stop, 0.0) if part > 1 - SAME_TIME_TOL else (start, stop, part)
-
-
-def _interpolate_matrix(transform: Any, time: float) -> Floats:
-    """Return a transform at a time between two samples.
-
-    Its operations, such as a rotation by an angle, are interpolated linearly, as programs do.
-    Matrices are taken apart for that: a turn stays a turn.
-    """
-    from alembic3d.Abc import ISampleSelector
-
-    if transform.getNumSamples() == 0:
-        return np.eye(4)
-    start, stop, part = _locate_samples(transform, time)
-    before, after = (
-        # By its time: a selector would take an index for seconds, too.
-        transform.getValue(ISampleSelector(at))
-        for at in map(transform.getTimeSampling().getSampleTime, (start, stop))
-    )
-    if part == 0:
-        return _to_matrix(before)
-    operations = [each.getOp(k) for each in (before, after) for k in range(each.getNumOps())]
-    if before.isTopologyEqual(after) and not any(each.isMatrixOp() for each in operations):
-        return _blend_operations(before, after, part)
-    return blend_transforms(_to_matrix(before), _to_matrix(after), part)
-
-
-def _to_matrix(sample: Any) -> Floats:
-    return np.array([list(row) for row in sample.getMatrix()])
-
-
-def _blend_operations(before: Any, after: Any, part: float) -> Floats:
-    """Return the matrix of a sample between two that have the same operations."""
-    from alembic3d.AbcGeom import XformSample
-
-    blend = XformSample()
-    for k in range(before.getNumOps()):
-        operation, other = before.getOp(k), after.getOp(k)
-        for channel in range(operation.getNumChannels()):
-            start, stop = (each.getChannelValue(channel) for each in (operation, other))
-            operation.setChannelValue(channel, start + part * (stop - start))
-        blend.addOp(operation)
-    return _to_matrix(blend)
-
-
-def is_still(thing: Any) -> bool:
-    """Return whether no transform places an object, at second 0."""
-    moves = [_interpolate_matrix(each, 0.0) for each in _find_transforms(thing)]
-    return all(np.array_equal(matrix, np.eye(4)) for matrix in moves)
-
-
-class _TransformTree:
-    """The transforms above meshes, which are written as they are needed.
-
-    Parameters
-    ----------
-    top : OObject
-        The top of the archive.
-    matrices : dict
-        The transforms (4, 4) into the scene that some of them have, by their paths.
-    """
-
-    def __init__(self, top: Any, matrices: dict[str, Floats]) -> None:
-        self._objects: dict[str, Any] = {"": top}
-        self._matrices = {**matrices, "": np.eye(4)}
-
-    def define(self, path: str) -> Any:
-        """Return the transform at a path; those above it are written first."""
-        if path not in self._objects:
-            import imath
-            from alembic3d.AbcGeom import OXform, XformSample
-
-            above, _, name = path.rpartition("/")
-            parent = self.define(above)
-            matrix = self._matrices.setdefault(path, self._matrices[above])
-            local = matrix @ np.linalg.inv(self._matrices[above])
-            transform = OXform(parent, name)
-            if not np.array_equal(local, np.eye(4)):
-                sample = XformSample()
-                sample.setMatrix(imath.M44d(*local.ravel().tolist()))
-                transform.getSchema().set(sample)
-            self._objects[path] = transform
-        return self._objects[path]
