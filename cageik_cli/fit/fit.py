@@ -33,6 +33,7 @@ from cageik_cli.fit.strength import (
     Trial,
     choose_ladder,
     climb,
+    take_rounds,
 )
 from cageik_cli.method.solve.settings import SolveSettings
 from cageik_cli.method.solve.vertex_weights import drop_unused_vertices
@@ -253,10 +254,10 @@ class Fitter:
         ]
 
         def advance(rung: Rung) -> tuple[float, float | None]:
-            alternator = self.make_alternator(
-                sample, rung.strength, max_rounds=rung.rounds, share=fits
-            )
-            with OrderedMap(lambda one: one.advance(alternator), trials, fits, fits) as errors:
+            alternator = self.make_alternator(sample, rung.strength, share=fits)
+            with OrderedMap(
+                lambda one: one.advance(alternator, rung.rounds), trials, fits, fits
+            ) as errors:
                 blocks, *third = errors
             return blocks, third[0] if third else None
 
@@ -281,8 +282,8 @@ class Fitter:
         """Fit the weights to a sample at each strength of a ladder, as its trials were."""
         target, change = sample.target.compress(self._problem.vertex_weights), None
         for rung in ladder:
-            alternator = self.make_alternator(sample, rung.strength, max_rounds=rung.rounds)
-            change = alternator.fit_full_rank(target, change)
+            alternator = self.make_alternator(sample, rung.strength)
+            change = take_rounds(alternator, rung.rounds, target, change)
         return self.make_alternator(sample, ladder[-1].strength).fit(target, self._settings, change)
 
 

@@ -352,7 +352,7 @@ class WeightProblem:
     smoothness: float
     jobs: int = 1
     tolerance: float = 1e-3
-    max_steps: int = 3
+    max_steps: int = 5
     negligible: float = 1e-3
 
     def add_change(self, change: Correction) -> Floats:

@@ -16,12 +16,13 @@ vertices of the cage.
 """
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
 from cageik_cli.fit.alternate import Alternator
-from cageik_cli.fit.problem import WeightProblem
+from cageik_cli.fit.problem import Displacements, WeightProblem
 from cageik_cli.fit.sample import Sample, spread_points
 from cageik_cli.fit.settings import (
     DEFAULT_STRENGTH,
@@ -66,6 +67,9 @@ one round at each, errors are 2 % larger for edits that are as rough; with three
 
 PLAYED_LADDER = (*LADDER, *3 * [LADDER[-1]._replace(rounds=6)])
 """For weights that are only played: the last rounds go on as long as they help."""
+
+STEPS_PER_ROUND = 3
+"""Steps of conjugate gradients in a round: enough, as each strength is near to the one before."""
 
 MAX_RISE = 1.02
 """A strength is refused whose held-out error is more than this times that of the one before."""
@@ -139,13 +143,13 @@ class Trial:
         self.change = Correction.none(*problem.rest_weights.shape)
         self._before = self.change
 
-    def advance(self, alternator: Alternator) -> float:
+    def advance(self, alternator: Alternator, rounds: int) -> float:
         """Go on at the strength of `alternator`; return the error of the frames held out.
 
         It is the root mean square, in percent of the diagonal.
         """
         self._before = self.change
-        self.change = alternator.fit_full_rank(self.seen, self.change)
+        self.change = take_rounds(alternator, rounds, self.seen, self.change)
         weights = alternator.problem.add_change(self.change)
         solve = alternator.cage_solve
         _, rms = solve.solve(weights, self.held_out, alternator.problem.jobs)
@@ -154,6 +158,15 @@ class Trial:
     def go_back(self) -> None:
         """Take the last step back."""
         self.change = self._before
+
+
+def take_rounds(
+    alternator: Alternator, rounds: int, target: Displacements, change: Correction | None
+) -> Correction:
+    """Return a change of the weights, fitted to `target`, after some rounds at a strength."""
+    problem = replace(alternator.problem, max_steps=STEPS_PER_ROUND)
+    short = replace(alternator, problem=problem, max_rounds=rounds)
+    return short.fit_full_rank(target, change)
 
 
 def choose_ladder(
