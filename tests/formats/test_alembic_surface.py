@@ -91,6 +91,62 @@ def test_uvs_of_vertices(tmp_path):
     assert uvs.indices[:4].tolist() == list(QUADS[0])
 
 
+MISSTATED = {
+    "corners, as constant": (24, GeometryScope.kConstantScope, None, "corner"),
+    "corners, as vertices": (24, GeometryScope.kVertexScope, None, "corner"),
+    "corners, as unknown": (24, GeometryScope.kUnknownScope, None, "corner"),
+    "corners by an index, as constant": (
+        4,
+        GeometryScope.kConstantScope,
+        [0, 1, 2, 3] * 6,
+        "corner",
+    ),
+    "vertices, as corners": (8, GeometryScope.kFacevaryingScope, None, "vertex"),
+    "vertices, as constant": (8, GeometryScope.kConstantScope, None, "vertex"),
+    "faces, as constant": (6, GeometryScope.kConstantScope, None, "face"),
+}
+
+
+@pytest.mark.parametrize("given", MISSTATED.values(), ids=MISSTATED)
+def test_uvs_whose_scope_is_stated_wrongly_go_by_their_count(tmp_path, given):
+    *held, owner = given
+    sequence = make_archive(tmp_path / "a.abc", make_uvs(*held))
+    rings = np.array(QUADS)  # our faces turn as these
+    owners = {
+        "corner": np.arange(24).reshape(6, 4)[:, ::-1].ravel(),
+        "vertex": rings.ravel(),
+        "face": np.repeat(np.arange(6), 4),
+    }[owner]
+    numbers = np.arange(24) if held[2] is None else np.array(held[2])
+    values = np.arange(2 * held[0]).reshape(-1, 2)
+    uvs = sequence.first.attributes.uvs
+    found, expected = uvs.values[uvs.indices].reshape(6, 4, 2), values[numbers[owners]]
+    turned = expected.reshape(6, 4, 2)
+    np.testing.assert_array_equal(np.sort(found, axis=1), np.sort(turned, axis=1))
+    by_vertex = dict(
+        zip(sequence.first.attributes.corners[:4].tolist(), found[0].tolist(), strict=True)
+    )
+    assert by_vertex == dict(zip(rings[0].tolist(), turned[0].tolist(), strict=True))
+    assert f"and read as one per {owner}" in " ".join(texts(sequence.notes))
+
+
+def test_faces_may_have_uvs_and_a_scope_that_fits_is_not_noted(tmp_path):
+    sequence = make_archive(tmp_path / "a.abc", make_uvs(6, GeometryScope.kUniformScope))
+    uvs = sequence.first.attributes.uvs
+    assert (uvs.indices.reshape(6, 4) == np.arange(6)[:, None]).all()
+    assert "read as" not in " ".join(texts(sequence.notes))
+
+
+def test_normals_of_corners_that_are_stated_as_constant_are_kept(tmp_path):
+    values = np.repeat(np.eye(3), 8, axis=0).astype("f4")
+    normals = ON3fGeomParamSample(V3fArrayFromBuffer(values), GeometryScope.kConstantScope)
+    sequence = make_archive(tmp_path / "a.abc", normals=normals)
+    assert sequence.first.attributes.normal_fans is not None
+    assert "24 values of its surface are stated as kConstantScope" in " ".join(
+        texts(sequence.notes)
+    )
+
+
 WRONG_UVS = {
     "too few": (7, GeometryScope.kVertexScope),
     "too few corners": (23, GeometryScope.kFacevaryingScope),

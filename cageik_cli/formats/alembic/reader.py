@@ -33,7 +33,7 @@ from cageik_cli.formats.base.scene_graph import (
     sample_evenly,
 )
 from cageik_cli.formats.settings import Scene, SceneHints, find_frame_step
-from cageik_cli.geometry.attributes import LAYERS, FaceLabels, SurfaceAttributes
+from cageik_cli.geometry.attributes import LAYERS, FaceLabels, Subdivision, SurfaceAttributes
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import ConnectivityError, FileAccessError, FormatError
 from cageik_cli.util.files import open_input
@@ -42,6 +42,17 @@ from cageik_cli.util.text import single_line
 
 PARAMETERS = {"uvs": "getUVsParam", "normal_fans": "getNormalsParam"}
 """What returns the parameter of a mesh that holds a layer of numbers."""
+
+SCHEMES = {"": "catmullClark", "catmull-clark": "catmullClark"}
+"""Subdivision schemes of Alembic that USD, whose words we keep, calls otherwise."""
+
+SCOPES = {
+    "kVertexScope": "vertex",
+    "kVaryingScope": "vertex",
+    "kFacevaryingScope": "corner",
+    "kUniformScope": "face",
+}
+"""What has one value of a parameter, by the scope that is stated."""
 
 MAX_BAKED_STEP = 0.1
 """Seconds between samples of transforms: longer steps are between keys if no rate is stated."""
@@ -90,19 +101,33 @@ class Reader(SceneReader):
     def list_meshes(self, path: Path) -> tuple[dict[str, Any], dict[str, str]]:
         """Open the archive."""
         from alembic3d.Abc import IArchive, ISampleSelector
-        from alembic3d.AbcGeom import IPolyMesh, IsAncestorInvisible
+        from alembic3d.AbcGeom import (
+            ICurves,
+            INuPatch,
+            IPoints,
+            IPolyMesh,
+            IsAncestorInvisible,
+            ISubD,
+        )
 
         self._archive, self._claimed = (
             IArchive(require_unicode(path)),
             ClaimedBytes(path.stat().st_size),
         )
         self._stated_rates: list[str] = []
-        objects = _iterate_descendants(self._archive.getTop())
-        meshes = [thing for thing in objects if IPolyMesh.matches(thing.getHeader())]
+        objects, first = list(_iterate_descendants(self._archive.getTop())), ISampleSelector(0)
+        meshes = [thing for thing in objects if _is_any(thing, IPolyMesh, ISubD)]
+        kinds = {"Curves": ICurves, "NuPatch": INuPatch, "Points": IPoints}
+        self.others = {
+            thing.getFullName(): name
+            for thing in objects
+            for name, kind in kinds.items()
+            if _is_any(thing, kind) and not IsAncestorInvisible(thing, first)
+        }
         paths = [thing.getFullName() for thing in meshes]
         names = name_parts(paths, [is_still(thing) for thing in meshes])
         self._names = dict(zip(paths, names, strict=True))
-        found, first = dict(zip(names, meshes, strict=True)), ISampleSelector(0)
+        found = dict(zip(names, meshes, strict=True))
         hidden = [name for name, thing in found.items() if IsAncestorInvisible(thing, first)]
         return found, dict.fromkeys(hidden, "invisible")
 
@@ -165,15 +190,18 @@ class Reader(SceneReader):
 
 
 class AlembicMesh(SceneMesh):
-    """A polygon mesh; times are seconds."""
+    """A polygon mesh, or the polygons of a subdivision surface; times are seconds."""
 
     is_clockwise = True  # in all files
 
     def __init__(self, thing: Any, claimed: ClaimedBytes) -> None:
         from alembic3d.Abc import WrapExistingFlag
-        from alembic3d.AbcGeom import IPolyMesh
+        from alembic3d.AbcGeom import IPolyMesh, ISubD
 
-        self._schema = IPolyMesh(thing, WrapExistingFlag.kWrapExisting).getSchema()
+        self._is_subdivided = _is_any(thing, ISubD)
+        kind = ISubD if self._is_subdivided else IPolyMesh
+        self._schema = kind(thing, WrapExistingFlag.kWrapExisting).getSchema()
+        self._vertex_count, self._misstated = 0, list[str]()
         self._claimed, self._points = claimed, self._schema.getPositionsProperty()
         self._transforms = find_transforms(thing)
 
@@ -237,8 +265,12 @@ class AlembicMesh(SceneMesh):
     def list_surface_layers(self, vertex_count: int, time: float) -> LayerReaders:
         """Return what reads UVs, normals and face sets, in the first sample."""
         self._claimed.claim(12 * vertex_count)
-        readers = list_layer_readers(PARAMETERS, self._read_parameter)
+        self._vertex_count = vertex_count
+        held = {name: get for name, get in PARAMETERS.items() if hasattr(self._schema, get)}
+        readers = list_layer_readers(held, self._read_parameter)
         readers["its face sets"] = self._read_face_sets
+        if self._is_subdivided:
+            readers["its subdivision"] = self._read_subdivision
         return {noun: partial(_read_safely, read) for noun, read in readers.items()}
 
     def _read_parameter(self, name: str, attributes: SurfaceAttributes) -> SurfaceAttributes:
@@ -265,6 +297,28 @@ class AlembicMesh(SceneMesh):
             sets.append((single_line(name), faces))
         return replace(attributes, materials=FaceLabels.from_members(count, sets))
 
+    def _read_subdivision(self, attributes: SurfaceAttributes) -> SurfaceAttributes:
+        """Read the scheme, the creases and the sharp vertices."""
+        schema = self._schema
+        stated = schema.getSubdivisionSchemeProperty()
+        scheme = str(stated.getValue()) if stated.valid() and stated.getNumSamples() else ""
+
+        def read(held: Any, kind: type[np.float64 | np.int64]) -> NDArray[Any]:
+            is_there = held.valid() and held.getNumSamples()
+            return self._read_first(held, kind) if is_there else np.zeros(0, kind)
+
+        creases = read(schema.getCreaseIndicesProperty(), np.int64)
+        lengths = read(schema.getCreaseLengthsProperty(), np.int64)
+        sharpness = read(schema.getCreaseSharpnessesProperty(), np.float64)
+        corners = read(schema.getCornerIndicesProperty(), np.int64)
+        sharp = read(schema.getCornerSharpnessesProperty(), np.float64)
+        named = np.concatenate([creases, corners])
+        if named.max(initial=-1) >= self._vertex_count:
+            raise FormatError(f"it names vertex {named.max()} of {self._vertex_count}")
+        known = SCHEMES.get(scheme, scheme)
+        subdivision = Subdivision(known, creases, lengths, sharpness, corners, sharp)
+        return replace(attributes, subdivision=subdivision)
+
     def _read_first(self, sampled: Any, kind: type[np.float64 | np.int64]) -> NDArray[Any]:
         values = _read_sample(sampled, 0, self._claimed.packed)
         self._claimed.claim(len(values) * sampled.getDataType().getNumBytes())
@@ -273,23 +327,50 @@ class AlembicMesh(SceneMesh):
 
     def _locate(self, parameter: Any, attributes: SurfaceAttributes, count: int) -> Integers:
         """Return the place of the value of each corner among `count` values."""
-        from alembic3d.AbcGeom import GeometryScope
-
-        scope, places = parameter.getScope(), np.arange(count)
+        scope, places = str(parameter.getScope()), np.arange(count)
         if parameter.isIndexed():
             places = self._read_first(parameter.getIndexProperty(), np.int64)
-        if scope in (GeometryScope.kVertexScope, GeometryScope.kVaryingScope):
-            corners = attributes.corners
-        elif scope == GeometryScope.kFacevaryingScope:
-            corners = np.arange(len(attributes.corners))
-        else:
-            raise FormatError("they are not those of corners or vertices")
-        if corners.max(initial=-1) >= len(places):
-            raise FormatError(f"{len(places)} values, expected {corners.max() + 1}")
-        found = places[corners]
+        owners = self._find_owners(scope, attributes, len(places))
+        if owners.max(initial=-1) >= len(places):
+            raise FormatError(f"{len(places)} values, expected {owners.max() + 1}")
+        found = places[owners]
         if len(found) and not 0 <= found.min() <= found.max() < count:
             raise FormatError(f"they name value {found.max()} of {count}")
         return np.asarray(found, np.int64)
+
+    def _find_owners(self, scope: str, attributes: SurfaceAttributes, count: int) -> Integers:
+        """Return which of `count` values each corner has, by the scope that is stated.
+
+        If that has another number of values, the scope is that which has so many, as in other
+        readers: some programs state a constant scope for one value per corner.
+        """
+        corners = len(attributes.corners)
+        domains = {
+            "corner": (np.arange(corners), corners),
+            "vertex": (attributes.corners, self._vertex_count),
+            "face": (attributes.corner_polygons, len(attributes.corner_counts)),
+        }
+        stated = SCOPES.get(scope.rpartition(".")[2])
+        if stated is None or domains[stated][1] != count:
+            fitting = [name for name, (_, size) in domains.items() if size == count and count > 1]
+            if fitting:
+                self._misstated.append(
+                    f"{count} values of its surface are stated as {scope.rpartition('.')[2]}, and "
+                    f"read as one per {fitting[0]}"
+                )
+                return np.asarray(domains[fitting[0]][0], np.int64)
+        if stated is None:
+            raise FormatError("they are not those of corners or vertices")
+        return np.asarray(domains[stated][0], np.int64)
+
+    def describe_transform(self, time: float) -> list[str]:
+        """Return notes on what has moved the mesh, and on layers that are not what they say."""
+        return super().describe_transform(time) + self._misstated
+
+
+def _is_any(thing: Any, *kinds: Any) -> bool:
+    """Return whether an object is of one of some kinds."""
+    return any(kind.matches(thing.getHeader()) for kind in kinds)
 
 
 def _iterate_descendants(thing: Any) -> Iterator[Any]:

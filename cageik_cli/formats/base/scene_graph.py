@@ -2,7 +2,7 @@
 
 import hashlib
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from functools import cached_property
 from importlib import import_module
@@ -10,6 +10,7 @@ from itertools import chain, takewhile
 from math import floor
 from pathlib import Path
 from time import process_time
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -134,6 +135,8 @@ class SceneReader(ClipFile):
     library : str
         What opens the file, and may end the process on a damaged one; nothing where only cageik
         reads it.
+    others : mapping
+        What is seen and is no mesh: its kind, as the format calls it, by path; of `list_meshes`.
     winding_note : str
         What a user is told of clockwise faces; nothing where all files of the format have them.
     """
@@ -141,6 +144,7 @@ class SceneReader(ClipFile):
     has_members = True
     has_parts = True
     winding_note = ""
+    others: Mapping[str, str] = MappingProxyType({})
     library = ""
 
     def check_file(self, path: Path) -> None:  # some have no library
@@ -267,9 +271,19 @@ class SceneReader(ClipFile):
     def _open_clip(self, path: Path, request: ClipRequest) -> list[Said | Note]:
         """Find the meshes and their frames; return notes on what was changed."""
         found, hidden = self.list_meshes(path)
+        if not found and self.others:
+            raise FormatError(
+                f"holds no mesh, but {count_kinds(self.others)}; turn them into meshes of polygons "
+                "and export it again"
+            )
         top = self.find_top(request.member)
         names, left_out = choose_parts(list(found), top, request.settings.exclude, hidden)
         notes: list[Said | Note] = [*left_out]
+        if top is None and self.others:
+            notes.append(
+                f"left out what is no mesh: {count_kinds(self.others)}; turn them into meshes of "
+                "polygons to take them along"
+            )
         self._meshes: dict[str, SceneMesh] = {}
         for name in names:
             with error_context(name):
@@ -337,6 +351,16 @@ def describe_by_part(found: dict[str, list[str]], count: int) -> list[str]:
         sentence if len(names) == count else f"{join_truncated(names)}: {sentence}"
         for sentence, names in found.items()
     ]
+
+
+def count_kinds(kinds: Mapping[str, str]) -> str:
+    """Count the paths of each kind, and name the first: as in "2 Cube (/a, /b)"."""
+    paths: dict[str, list[str]] = {}
+    for path, kind in kinds.items():
+        paths.setdefault(kind, []).append(path)
+    return ", ".join(
+        f"{len(each)} {kind} ({join_truncated(each, 3)})" for kind, each in paths.items()
+    )
 
 
 def read_constant_polygons(

@@ -82,7 +82,7 @@ class Reader(SceneReader):
 
     def list_meshes(self, path: Path) -> tuple[dict[str, Any], dict[str, str]]:
         """Open the stage, whose files are checked first."""
-        from pxr import Usd
+        from pxr import Usd, UsdGeom
 
         _ = check_layers(path)  # held, so that they are not read twice
         self._stage = Usd.Stage.Open(str(path))
@@ -95,6 +95,13 @@ class Reader(SceneReader):
         reasons = {
             name: _find_scattered_reason(prim, scattered) or _find_hidden_reason(prim)
             for name, prim in meshes.items()
+        }
+        self.others = {
+            str(prim.GetPath()): str(prim.GetTypeName())
+            for prim in prims
+            if prim.IsA(UsdGeom.Gprim)
+            and not prim.IsA(UsdGeom.Mesh)
+            and not (_find_scattered_reason(prim, scattered) or _find_hidden_reason(prim))
         }
         return meshes, {name: why for name, why in reasons.items() if why}
 
