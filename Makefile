@@ -29,7 +29,7 @@ PURE_TESTS    := tests/method tests/captured tests/fit tests/formats/obj tests/f
 SCRIPT_TYPES  := --ignoreConfig --allowJs --checkJs --noEmit --strict false --target es2022 --lib es2022,dom,dom.iterable
 KERNEL_TESTS  := tests/method/weights/bem tests/method/weights/test_harmonic.py tests/formats/obj tests/formats/test_fuzz_readers.py tests/geometry/test_surface.py tests/report/render/test_raster.py tests/method/solve/test_compiled_frames.py tests/method/solve/test_summary.py
 
-.PHONY: help run test test-slow test-all test-pure sanitize test-blender test-browser check check-script format fuzz faults bench growth latency docs fixtures view-pictures clean
+.PHONY: help run test test-slow test-all test-pure sanitize test-blender test-gltf test-browser check check-script format fuzz faults bench growth latency docs fixtures view-pictures clean
 
 help:  ## Show the targets
 	@sed -n 's/^\([a-z-]*\):.*## /\1	/p' $(MAKEFILE_LIST) | expand -t 14
@@ -100,6 +100,11 @@ test-blender: $(BLENDER_READY) $(READY)  ## Read every format back in Blender, a
 	$(BLENDER_VENV)/bin/python tests/blender/read_posed.py $(OUT)/blender >> $(OUT)/blender/imports.log
 	$(BLENDER_VENV)/bin/python tests/blender/write_rig.py $(OUT)/blender docs/scripts/bake_rig.py >> $(OUT)/blender/imports.log
 	$(BIN)/python tests/blender/read_rig.py $(OUT)/blender
+
+test-gltf: $(READY)  ## Validate every .glb that tests write by the Khronos validator; needs npm
+	@command -v npm >/dev/null || { echo "npm: no such program; install Node.js, which has it" >&2; exit 1; }
+	npm install --silent --no-audit --no-fund --no-save --prefix build/gltf gltf-validator@2.0.0-dev.3.10
+	$(PYTEST) -m "not slow and not bench" tests/formats tests/cli tests/run
 
 test-browser: $(READY)  ## Open the pages in Chromium, and use them by mouse and keyboard
 	@command -v $(CHROMIUM) >/dev/null || { \

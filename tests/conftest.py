@@ -17,6 +17,7 @@ from hypothesis import settings
 
 from cageik_cli.cages.builder import build
 from cageik_cli.cli import main
+from cageik_cli.formats.gltf.file import GlbFile
 from cageik_cli.formats.usd.writer import UsdWriter
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.inputs import weights
@@ -28,6 +29,7 @@ from cageik_cli.run.settings import ExtractSettings
 from cageik_cli.store.result import Result
 from cageik_cli.util import compiled
 from cageik_cli.util.threads import use_one_blas_thread
+from tests.formats.gltf.khronos import KhronosValidator
 from tests.shapes import ball, box
 
 pytest_plugins = ("tests.results",)
@@ -71,28 +73,36 @@ def unsynced_files() -> Iterator[None]:
 
 
 @pytest.fixture(scope="session")
-def validated_usd() -> Iterator[list[str]]:
-    """What USD's own validators say of the files that are written in this process."""
+def validated_files() -> Iterator[list[str]]:
+    """What the validators of USD and glTF say of the files that are written in this process."""
     faults: list[str] = []
-    complete = UsdWriter.complete
+    complete_usd, complete_glb = UsdWriter.complete, GlbFile.complete
+    validator = KhronosValidator()
 
-    def complete_and_validate(writer: UsdWriter) -> None:
+    def validate_usd(writer: UsdWriter) -> None:
         from tests.formats.clips import faults_of  # USD is slow to import
 
-        complete(writer)
+        complete_usd(writer)
         faults.extend(f"{writer._target.name}: {fault}" for fault in faults_of(writer._target))
 
+    def validate_glb(file: GlbFile, **scene: object) -> None:
+        complete_glb(file, **scene)
+        found = validator.find_faults(file._target)
+        faults.extend(f"{file._target.name}: {fault}" for fault in found)
+
     with pytest.MonkeyPatch.context() as monkeypatch:
-        monkeypatch.setattr(UsdWriter, "complete", complete_and_validate)
+        monkeypatch.setattr(UsdWriter, "complete", validate_usd)
+        monkeypatch.setattr(GlbFile, "complete", validate_glb)
         yield faults
+    validator.close()
 
 
 @pytest.fixture(autouse=True)
-def usd_faults(validated_usd) -> Iterator[list[str]]:
-    """No test writes a USD file that USD finds a fault with, unless it expects that."""
-    yield validated_usd
-    found = validated_usd.copy()
-    validated_usd.clear()
+def file_faults(validated_files) -> Iterator[list[str]]:
+    """No test writes a file of USD or glTF that its validator refuses, unless it expects that."""
+    yield validated_files
+    found = validated_files.copy()
+    validated_files.clear()
     assert not found
 
 

@@ -110,14 +110,14 @@ def test_usd_itself_skins_every_part(tmp_path, names, has_cage):
     np.testing.assert_allclose(by_place, wanted, rtol=0, atol=1e-5)
 
 
-def test_a_skin_that_usd_does_not_pose_is_measured(tmp_path, monkeypatch, usd_faults):
+def test_a_skin_that_usd_does_not_pose_is_measured(tmp_path, monkeypatch, file_faults):
     """As files were before, with meshes below meshes: the error is that of the file."""
     monkeypatch.setattr(writer, "place_meshes", lambda paths: paths)
     model, path = make_model(TREES["child first"]), tmp_path / "rig.usdc"
     expected, (note,) = write_skeleton(path, model)
-    (fault,) = usd_faults
+    (fault,) = file_faults
     assert "ancestor prim that is also a Gprim" in fault
-    usd_faults.clear()
+    file_faults.clear()
     apart = np.linalg.norm(expected - model.vertices, axis=2)
     apart[:, 8:] = 0  # the body
     rms, largest = np.sqrt(np.square(apart).mean()), apart.max()
