@@ -31,6 +31,8 @@ from cageik_cli.formats.base.scene_graph import (
     SceneReader,
     round_frame_step,
     sample_evenly,
+    snap,
+    snap_rate,
 )
 from cageik_cli.formats.settings import Scene, SceneHints, find_frame_step
 from cageik_cli.geometry.attributes import LAYERS, FaceLabels, Subdivision, SurfaceAttributes
@@ -183,10 +185,10 @@ class Reader(SceneReader):
         fps, seconds = _read_frame_rate(self._archive, self._stated_rates), float(times[0])
         frame_step = round_frame_step(step * fps) if fps is not None else None
         if fps is None or (frame_step is not None and frame_step != int(frame_step)):
-            fps = round(1 / step, 9)  # without the digits of rounding errors
+            fps = snap_rate(round(1 / step, 9))  # without the digits of rounding errors
             frame_step = find_frame_step(seconds * fps, tolerance=1e-4)
             fps *= frame_step or 1
-        return SceneHints(fps=fps, start=round(seconds * fps, 6), frame_step=frame_step)
+        return SceneHints(fps=fps, start=snap(seconds * fps), frame_step=frame_step)
 
 
 class AlembicMesh(SceneMesh):
@@ -399,7 +401,7 @@ def _read_frame_rate(archive: Any, stated: list[str]) -> float | None:
         except ValueError:
             continue
         if 0 < fps < float("inf"):
-            return fps
+            return snap_rate(fps)
     return None
 
 

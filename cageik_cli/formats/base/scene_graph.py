@@ -43,6 +43,12 @@ Polygons = tuple[Integers, Integers]
 EVEN_STEP_TOL = 1e-4
 """Steps that differ by more than this fraction of their mean are uneven."""
 
+SNAP_TOL = 1e-4
+"""Numbers of frames this near to a whole one, in steps, are that."""
+
+DOUBLE_RATE_TOL = 1e-8
+"""Rates nearer to one of video are of double precision, and stay as they are stated."""
+
 MAX_KEYED_SHAPES = 2
 """Points of more samples are baked, and decide when frames are; of two, they are keys."""
 
@@ -447,6 +453,26 @@ def sample_evenly(first: float, last: float, step: float, max_count: int) -> Flo
             "it to one sample per frame"
         )
     return first + step * np.arange(count, dtype=np.float64)
+
+
+def snap(number: float, step: float = 1.0) -> float:
+    """Return the nearest multiple of a step if a number is within `SNAP_TOL` steps of it.
+
+    Files have times in single precision, in which frame 1 may be 1.000000052. What is no multiple
+    has no digits behind the sixth.
+    """
+    nearest = round(number / step) * step
+    return nearest if abs(number - nearest) <= SNAP_TOL * step else round(number, 6)
+
+
+def snap_rate(fps: float) -> float:
+    """Return the frames per second that a rate is but for rounding: whole, or that / 1.001."""
+    whole = round(fps)
+    if abs(fps - whole) <= SNAP_TOL:
+        return float(whole)
+    video = round(1.001 * fps) / 1.001
+    is_single = np.float32(fps) == np.float32(video) and abs(fps - video) > DOUBLE_RATE_TOL
+    return video if is_single else fps
 
 
 def round_frame_step(step: float | None) -> float | None:

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from cageik_cli.formats.base.mesh_data import LayerReaders
-from cageik_cli.formats.base.scene_graph import Polygons, SceneMesh, SceneReader, find_step
+from cageik_cli.formats.base.scene_graph import Polygons, SceneMesh, SceneReader, find_step, snap
 from cageik_cli.formats.base.sequence import ClipRequest
 from cageik_cli.formats.gltf.document import Document, Item, count_rows, read_floats
 from cageik_cli.formats.gltf.geometry import Geometry, count_targets, has_faces
@@ -471,6 +471,7 @@ class Animation:
         start = first * rate
         if abs(start - round(start)) <= tolerance:
             start = float(round(start))
+        start = snap(start)
         span = (last * rate - start + tolerance) / step
         count = max(1, floor(min(span, MAX_SAMPLED_TIMES)) + 1)
         if count > MAX_SAMPLED_TIMES:

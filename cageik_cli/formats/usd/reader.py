@@ -1,10 +1,11 @@
 """A clip in USD: meshes whose points, transforms or rigs have time samples, and their surfaces."""
 
 from collections import Counter
+from collections.abc import Sequence
 from contextlib import AbstractContextManager
 from dataclasses import replace
 from functools import cached_property
-from math import ceil, floor
+from math import ceil, floor, isfinite
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ from cageik_cli.formats.base.files import ClaimedBytes
 from cageik_cli.formats.base.mesh_data import LayerReaders, list_layer_readers
 from cageik_cli.formats.base.scene_graph import (
     EVEN_STEP_TOL,
+    SNAP_TOL,
     LibraryError,
     Polygons,
     SceneMesh,
@@ -22,6 +24,8 @@ from cageik_cli.formats.base.scene_graph import (
     is_mirroring,
     round_frame_step,
     sample_evenly,
+    snap,
+    snap_rate,
 )
 from cageik_cli.formats.settings import SceneHints
 from cageik_cli.formats.usd.library import (
@@ -116,7 +120,7 @@ class Reader(SceneReader):
     def replace_uneven(self, times: Floats) -> tuple[Floats, str]:
         """Return the whole time codes in place of uneven samples."""
         begin, end = float(times[0]), float(times[-1])
-        first, last = ceil(begin), floor(end)
+        first, last = ceil(begin - SNAP_TOL), floor(end + SNAP_TOL)
         count = last - first + 1
         if not 1 <= count <= MAX_TIME_CODES:
             raise FormatError(
@@ -137,15 +141,14 @@ class Reader(SceneReader):
         Without a range, they are the whole time codes between the keys; but rigs, which programs
         bake, have a frame at each of even samples.
         """
-        stage = self._stage
-        codes, rate = stage.GetTimeCodesPerSecond(), stage.GetFramesPerSecond()
-        own = codes / rate if stage.HasAuthoredMetadata("framesPerSecond") and rate > 0 else 1.0
-        own = max(1.0, own)
+        codes, rate = map(self._read_rate, ("timeCodesPerSecond", "framesPerSecond"))
+        own = max(1.0, codes / rate) if codes and rate else 1.0
         if not self.has_keyed_motion() or (step is not None and step <= own * (1 + EVEN_STEP_TOL)):
             return None
         found = f"its motion has {len(times)} keys from {times[0]:g} to {times[-1]:g}"
-        first, last = stage.GetStartTimeCode(), stage.GetEndTimeCode()
-        if stage.HasAuthoredTimeCodeRange() and max(first, times[0]) < min(last, times[-1]):
+        start, end = (_read_number(self._stage, f"{name}TimeCode") for name in ("start", "end"))
+        if start is not None and end is not None and max(start, times[0]) < min(end, times[-1]):
+            first, last = snap(start), snap(end)
             text = f"{found}: frames are those of its range, {first:g} to {last:g}, in steps of "
             return sample_evenly(first, last, own, MAX_TIME_CODES), Note(f"{text}{own:g}")
         is_moved = any(mesh.has_moving_transform() for mesh in self._usd_meshes)
@@ -185,17 +188,28 @@ class Reader(SceneReader):
         from pxr import UsdGeom
 
         stage = self._stage
-        codes = stage.GetTimeCodesPerSecond()
-        is_timed = any(map(stage.HasAuthoredMetadata, ("timeCodesPerSecond", "framesPerSecond")))
+        codes = self._read_rate("timeCodesPerSecond")
+        if codes is None:
+            codes = self._read_rate("framesPerSecond")
+        unit = _read_number(stage, "metersPerUnit")
         has_axis = stage.HasAuthoredMetadata("upAxis")
-        has_unit = UsdGeom.StageHasAuthoredMetersPerUnit(stage)
         return SceneHints(
-            fps=codes if is_timed and codes > 0 else None,
-            start=float(times[0]),
+            fps=codes,
+            start=snap(float(times[0])),
             frame_step=round_frame_step(step),
             up_axis=str(UsdGeom.GetStageUpAxis(stage)) if has_axis else None,
-            metres_per_unit=UsdGeom.GetStageMetersPerUnit(stage) if has_unit else None,
+            metres_per_unit=unit if unit is not None and unit > 0 else None,
         )
+
+    def _read_rate(self, name: str) -> float | None:
+        """Return a rate that the stage states, above zero, without the rounding of its type."""
+        found = _read_number(self._stage, name)
+        return snap_rate(found) if found is not None and found > 0 else None
+
+    def list_times(self, meshes: Sequence[SceneMesh]) -> set[float]:
+        """List when the meshes are sampled: of samples that are the same frame, the last one."""
+        times = sorted(super().list_times(meshes))
+        return set({snap(time): time for time in times}.values())
 
     @cached_property
     def files(self) -> list[Path]:
@@ -294,6 +308,19 @@ class UsdSceneMesh(SceneMesh):
     @property
     def _polygon_attributes(self) -> tuple[Any, Any]:
         return self._mesh.GetFaceVertexCountsAttr(), self._mesh.GetFaceVertexIndicesAttr()
+
+
+def _read_number(stage: Any, name: str) -> float | None:
+    """Return a finite number that a stage states, of whatever type; None if it does not.
+
+    Some programs have stated numbers in single precision, which USD itself refuses to return.
+    """
+    for layer in (stage.GetSessionLayer(), stage.GetRootLayer()):
+        value = layer.pseudoRoot.GetInfo(name) if layer.pseudoRoot.HasInfo(name) else None
+        if isinstance(value, int | float) and isfinite(value):
+            single = np.float32(value)
+            return float(str(single)) if single == value else float(value)
+    return None
 
 
 def _read_array(attribute: Any, time: float, dtype_kind: str, shape: tuple[int, ...]) -> np.ndarray:
