@@ -142,6 +142,14 @@ class Reader(SceneReader):
         self._stated_rates.append(found.getMetaData().get(FPS_KEY))
         return AlembicMesh(found, self._claimed)
 
+    def is_empty(self, found: Any) -> bool:
+        """Return whether an object has no points or no faces in its first sample."""
+        schema = _open_schema(found)
+        held = schema.getPositionsProperty(), schema.getFaceCountsProperty()
+        return any(
+            each.getNumSamples() == 0 or each.getDimension(0).numPoints() == 0 for each in held
+        )
+
     def list_times(self, meshes: Sequence[SceneMesh]) -> set[float]:
         """List when the meshes are sampled, each time once."""
         times = np.array(sorted(super().list_times(meshes)))
@@ -197,12 +205,10 @@ class AlembicMesh(SceneMesh):
     is_clockwise = True  # in all files
 
     def __init__(self, thing: Any, claimed: ClaimedBytes) -> None:
-        from alembic3d.Abc import WrapExistingFlag
-        from alembic3d.AbcGeom import IPolyMesh, ISubD
+        from alembic3d.AbcGeom import ISubD
 
         self._is_subdivided = _is_any(thing, ISubD)
-        kind = ISubD if self._is_subdivided else IPolyMesh
-        self._schema = kind(thing, WrapExistingFlag.kWrapExisting).getSchema()
+        self._schema = _open_schema(thing)
         self._vertex_count, self._misstated = 0, list[str]()
         self._claimed, self._points = claimed, self._schema.getPositionsProperty()
         self._transforms = find_transforms(thing)
@@ -368,6 +374,15 @@ class AlembicMesh(SceneMesh):
     def describe_transform(self, time: float) -> list[str]:
         """Return notes on what has moved the mesh, and on layers that are not what they say."""
         return super().describe_transform(time) + self._misstated
+
+
+def _open_schema(thing: Any) -> Any:
+    """Return the schema of a polygon mesh or of a subdivision surface."""
+    from alembic3d.Abc import WrapExistingFlag
+    from alembic3d.AbcGeom import IPolyMesh, ISubD
+
+    kind = ISubD if _is_any(thing, ISubD) else IPolyMesh
+    return kind(thing, WrapExistingFlag.kWrapExisting).getSchema()
 
 
 def _is_any(thing: Any, *kinds: Any) -> bool:

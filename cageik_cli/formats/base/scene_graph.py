@@ -176,6 +176,10 @@ class SceneReader(ClipFile):
     def open_mesh(self, found: Any) -> SceneMesh:
         """Open one of the meshes that were found."""
 
+    def is_empty(self, found: Any) -> bool:
+        """Return whether one of the meshes that were found has no points or no faces, at first."""
+        return False
+
     def find_top(self, member: str | None) -> str | None:
         """Return what the meshes that are read are below, of the text behind `::`."""
         return member
@@ -290,6 +294,10 @@ class SceneReader(ClipFile):
                 f"left out what is no mesh: {count_kinds(self.others)}; turn them into meshes of "
                 "polygons to take them along"
             )
+        empty = [name for name in names if len(names) > 1 and self.is_empty(found[name])]
+        if 0 < len(empty) < len(names):  # placeholders; alone, one is refused
+            names = [name for name in names if name not in set(empty)]
+            notes.append(f"left out {join_truncated(empty)} (no points or no faces)")
         self._meshes: dict[str, SceneMesh] = {}
         for name in names:
             with error_context(name):

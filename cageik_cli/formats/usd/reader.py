@@ -117,6 +117,14 @@ class Reader(SceneReader):
         """Open a prim, and find the rig that poses it."""
         return UsdSceneMesh(found, self._claimed, self._rigs)
 
+    def is_empty(self, found: Any) -> bool:
+        """Return whether a prim has no points or no faces at its first time."""
+        from pxr import Usd, UsdGeom
+
+        mesh = UsdGeom.Mesh(found)
+        held = mesh.GetPointsAttr(), mesh.GetFaceVertexCountsAttr()
+        return any(len(each.Get(Usd.TimeCode.EarliestTime()) or ()) == 0 for each in held)
+
     def replace_uneven(self, times: Floats) -> tuple[Floats, str]:
         """Return the whole time codes in place of uneven samples."""
         begin, end = float(times[0]), float(times[-1])
