@@ -34,6 +34,11 @@ COLUMNS = {
 """The properties of vertices that hold a layer: the first that are all there. The first are
 written."""
 
+STRIPS = "tristrips"
+"""The element whose lists are strips of triangles, as of scans; -1 begins a new one."""
+
+FACE_ELEMENTS = ("face", STRIPS)
+
 CORNER_UVS = "texcoord"
 """The list of a face with the two texture coordinates of each corner, as MeshLab writes it."""
 
@@ -67,20 +72,25 @@ class Reader(FrameFileReader):
     @classmethod
     def parse(cls, data: bytes) -> FileMesh:
         """Parse the content of a PLY file."""
-        vertices, corners, sizes = None, np.empty(0, np.int64), np.empty(0, np.int64)
+        vertices, corners, sizes = None, [np.empty(0, np.int64)], [np.empty(0, np.int64)]
         with _wrap_ply_errors():
             file = PlyRows(data)
+            waiting = {element.name for element in file.elements} & {"vertex", *FACE_ELEMENTS}
             for element in file.elements:
-                if element.name == "face":
-                    found, sizes = file.read_list(element, _find_corner_list(element))
-                    corners = found.astype(np.int64)
-                elif element.name == "vertex" and not element.lists:
+                if element.name in FACE_ELEMENTS:
+                    found, counts = file.read_list(element, _find_corner_list(element))
+                    if element.name == STRIPS:
+                        found, counts = cut_strips(found, counts)
+                    corners.append(found.astype(np.int64))
+                    sizes.append(counts)
+                elif element.name == "vertex":
                     vertices = stack_positions(file.read_rows(element))
-                elif vertices is None or not len(sizes):
+                elif waiting:
                     file.skip(element)
+                waiting.discard(element.name)
             if vertices is None:
                 raise ValueError("it has no vertices")
-        return FileMesh(vertices, corners, sizes)
+        return FileMesh(vertices, np.concatenate(corners), np.concatenate(sizes))
 
     @classmethod
     def make_frame_parser(
@@ -159,11 +169,42 @@ def _find_corner_list(face: Element) -> str:
     return found
 
 
+def cut_strips(numbers: NDArray[Any], sizes: Integers) -> tuple[Integers, Integers]:
+    """Return the corners of the triangles of strips, (3 t,), and the sizes of these.
+
+    Every second triangle of a strip is turned. Triangles with two equal corners, by which strips
+    are joined, are left out.
+
+    Parameters
+    ----------
+    numbers : (k,)
+        The strips, one list after the other; -1, or the largest number of an unsigned type, ends
+        one.
+    sizes : (s,)
+        How many numbers each list has.
+    """
+    ends = np.cumsum(sizes)
+    if numbers.dtype.kind == "u":
+        is_end = numbers == np.iinfo(numbers.dtype).max
+        numbers = np.where(is_end, NONE, numbers.astype(np.int64))
+    row = np.insert(numbers.astype(np.int64), ends, NONE)
+    places = np.arange(len(row))
+    starts = np.maximum.accumulate(np.where(row == NONE, places + 1, 0))
+    triples = np.stack([row[:-2], row[1:-1], row[2:]], axis=1) if len(row) > 2 else row[:0, None]
+    triples = triples.reshape(-1, 3)
+    is_odd = (places[: len(triples)] - starts[: len(triples)]) % 2 == 1
+    triples[is_odd] = triples[is_odd][:, [1, 0, 2]]
+    is_whole = (triples != NONE).all(axis=1)
+    is_whole &= (triples != np.roll(triples, 1, axis=1)).all(axis=1)
+    corners = triples[is_whole]
+    return corners.ravel(), np.full(len(corners), 3, np.int64)
+
+
 def _read_surface_columns(data: bytes) -> tuple[dict[str, NDArray[Any]], CornerUvs | None]:
     """Read the properties of vertices, (n,) each, and the UVs of the corners of faces."""
     file, columns = PlyRows(data), dict[str, NDArray[Any]]()
     for element in file.elements:
-        if element.name == "vertex" and not element.lists:
+        if element.name == "vertex":
             rows = file.read_rows(element)
             columns = {name: rows[name] for name in rows.dtype.names or ()}
         elif element.name == "face":
@@ -347,7 +388,9 @@ class PlyRows:
         return len(self._lines)
 
     def read_rows(self, element: Element) -> NDArray[Any]:
-        """Read the rows of an element without lists, (count,), in the types of the header."""
+        """Read the rows of an element, (count,), in the types of the header, without lists."""
+        if element.lists:
+            return self._read_beside_lists(element)
         kind = element.make_row_dtype(self.order)
         if self.is_text:
             lines = self._take_lines(element.count)
@@ -361,6 +404,48 @@ class PlyRows:
         rows = np.frombuffer(self._data, kind, element.count, self._offset)
         self._offset += rows.nbytes
         return rows
+
+    def _read_beside_lists(self, element: Element) -> NDArray[Any]:
+        """Read what is no list of rows whose lists may differ in size."""
+        codes = {name: code for name, code in element.type_codes.items() if len(code) == 1}
+        found = np.empty(element.count, [(name, self.order + code) for name, code in codes.items()])
+        even = None if self.is_text else self._read_even_rows(element)
+        if even is not None:
+            for name in codes:
+                found[name] = even[name]
+            return found
+        walk = self._walk_text_rows if self.is_text else self._walk_scalars
+        columns: dict[str, list[float]] = {name: [] for name in codes}
+        for name, value in walk(element):
+            columns[name].append(value)
+        with np.errstate(over="ignore"):  # what is too large for its type is refused as infinite
+            for name, values in columns.items():
+                found[name] = values
+        return found
+
+    def _walk_text_rows(self, element: Element) -> Iterator[tuple[str, float]]:
+        """Yield the names and values of what is no list, row by row of a text."""
+        for line in self._take_lines(element.count):
+            for name, words in _cut_text_row(element, line):
+                if len(element.type_codes[name]) == 1:
+                    yield name, float(words[0])
+
+    def _walk_scalars(self, element: Element) -> Iterator[tuple[str, float]]:
+        """Yield the names and values of what is no list, row by row."""
+        steps = [
+            (name, struct.Struct(self.order + codes[0]), struct.calcsize(self.order + codes[1:]))
+            for name, codes in element.type_codes.items()
+        ]
+        for _ in range(element.count):
+            for name, first, width in steps:
+                (value,) = first.unpack_from(self._data, self._offset)
+                self._offset += first.size
+                if not width:
+                    yield name, value
+                elif value < 0 or self._offset + value * width > len(self._data):
+                    raise ValueError(f"it has a list of {value} items")
+                else:
+                    self._offset += value * width
 
     def read_list(self, element: Element, wanted: str) -> tuple[NDArray[Any], Integers]:
         """Read one list of every row: the items one row after the other, and how many each has."""
@@ -389,18 +474,10 @@ class PlyRows:
         items: list[bytes] = []
         sizes = []
         for line in self._take_lines(element.count):
-            words, place = line.split(), 0
-            for name, codes in element.type_codes.items():
-                if place >= len(words):
-                    raise ValueError(f"a row of `{element.name}` has {len(words)} numbers, too few")
-                size = int(words[place]) if len(codes) == 2 else 1
-                place += len(codes) - 1
-                if not 0 <= size <= len(words) - place:
-                    raise ValueError(f"it has a list of {size} items")
+            for name, words in _cut_text_row(element, line):
                 if name == wanted:
-                    items += words[place : place + size]
-                    sizes.append(size)
-                place += size
+                    items += words
+                    sizes.append(len(words))
         code = element.type_codes[wanted][1]
         with np.errstate(over="ignore"):  # what is too large for its type is refused as infinite
             numbers = np.array(list(map(float if code in "efd" else int, items)), self.order + code)
@@ -451,6 +528,20 @@ class PlyRows:
             raise ValueError("it is cut short")
         self._offset = offset
         return b"".join(items), np.array(sizes, np.int64)
+
+
+def _cut_text_row(element: Element, line: bytes) -> Iterator[tuple[str, list[bytes]]]:
+    """Yield the name of each property of a row of a text, and its numbers."""
+    words, place = line.split(), 0
+    for name, codes in element.type_codes.items():
+        if place >= len(words):
+            raise ValueError(f"a row of `{element.name}` has {len(words)} numbers, too few")
+        size = int(words[place]) if len(codes) == 2 else 1
+        place += len(codes) - 1
+        if not 0 <= size <= len(words) - place:
+            raise ValueError(f"it has a list of {size} items")
+        yield name, words[place : place + size]
+        place += size
 
 
 def _check_lengths(element: Element, lines: list[bytes]) -> None:

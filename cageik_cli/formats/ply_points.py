@@ -18,7 +18,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cageik_cli.formats.base.writers import Animation, FrameFileWriter
-from cageik_cli.formats.ply import NORMAL_NAMES, Element, PlyRows, stack_positions
+from cageik_cli.formats.ply import (
+    FACE_ELEMENTS,
+    NORMAL_NAMES,
+    Element,
+    PlyRows,
+    stack_positions,
+)
 from cageik_cli.method.points.oriented import REST_COUNTS, Splats
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import FormatError, OutputError, join_truncated
@@ -124,7 +130,7 @@ def parse_points(data: bytes) -> PointFile | None:
     except (ValueError, IndexError, OverflowError):
         return None  # the reader of meshes says what is wrong
     counts = {element.name: element.count for element in file.elements}
-    if counts.get("face", 0) > 0 or "vertex" not in counts:
+    if any(counts.get(name, 0) > 0 for name in FACE_ELEMENTS) or "vertex" not in counts:
         return None
     vertex = file.elements[0]
     _check_points(vertex)

@@ -141,7 +141,7 @@ FAULTS = {
     "float corners": (ply().replace(b"uchar int", b"uchar float"), "not whole"),
     "no list": (ply().replace(b"list uchar int", b"uchar"), "no list"),
     "no vertices": (ply().replace(b"t vertex", b"t vortex"), "it has no vertices"),
-    "vertex lists": (ply().replace(b"uchar red", b"list uchar uchar red"), "it has no vertices"),
+    "vertex lists": (ply().replace(b"float y", b"list float float y"), "has the invalid line"),
     "negative list": (
         ply("<", "B").replace(b"list uchar", b"list char").replace(b"\4\0\0\0\0", b"\xfc\0\0\0\0"),
         "a list of -4 items",
