@@ -289,6 +289,12 @@ def extracted(folder, tiny_result) -> Path:
 
 
 @pytest.fixture
+def input_elsewhere(monkeypatch) -> None:
+    """Skins follow the reconstruction, as where the input of the result is not found."""
+    monkeypatch.setattr("cageik_cli.run.export.find_input", lambda *_: None)
+
+
+@pytest.fixture
 def bound(extracted, tiny_binding) -> Path:
     """The folder of the tiny clip, with the result and `binding.h5`."""
     shutil.copy(tiny_binding, extracted)

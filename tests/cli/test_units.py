@@ -314,6 +314,7 @@ def test_other_programs_read_gltf_at_the_right_size_and_upright(here, run, to):
     np.testing.assert_allclose([low, high], [expected.min(axis=0), expected.max(axis=0)], atol=1e-5)
 
 
+@pytest.mark.usefixtures("input_elsewhere")
 @pytest.mark.parametrize(("joints", "near"), [("turn", 6e-3), ("translate", 2e-3)])
 @pytest.mark.parametrize("suffix", [".usdc", ".glb"])
 def test_skeletons_are_converted(here, run, suffix, joints, near):

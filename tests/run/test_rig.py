@@ -13,7 +13,6 @@ from cageik_cli.formats.open import open_sequence
 from cageik_cli.geometry.shape import compute_vertex_normals
 from cageik_cli.inputs.reconstruction import CageFrames, Reconstruction
 from cageik_cli.method.weights.binding import reconstruct_frames
-from cageik_cli.run import export as exporting
 from cageik_cli.run import rig as rigs
 from cageik_cli.run.rig import make_rig
 from cageik_cli.store.result import read_binding, read_cages, read_poses, read_result
@@ -31,10 +30,8 @@ SINGLE = 1e-5
 """Of the diagonal: sums in single precision."""
 
 
-@pytest.fixture(autouse=True)
-def input_elsewhere(monkeypatch):
-    """Skins of these tests follow the reconstruction, in test_skin_of_input.py the input."""
-    monkeypatch.setattr(exporting, "find_input", lambda *_: None)
+# In test_skin_of_input.py they follow the input.
+pytestmark = pytest.mark.usefixtures("input_elsewhere")
 
 
 def skinned(path):
@@ -154,7 +151,7 @@ def test_far_from_the_origin_it_is_as_exact_as_single_precision(run, folder, ani
 def test_the_same_result_gives_the_same_bytes_whatever_the_threads(run, folder, monkeypatch):
     assert run(*EXTRACT).code == 0
     for jobs in (1, 3):
-        monkeypatch.setattr(exporting, "count_processors", lambda jobs=jobs: jobs)
+        monkeypatch.setattr("cageik_cli.run.export.count_processors", lambda jobs=jobs: jobs)
         words = ("--skeleton", "--influences", 3)
         assert run("export", "cages.h5", f"{jobs}.usdc", *words).code == 0
     assert Path("1.usdc").read_bytes() == Path("3.usdc").read_bytes()

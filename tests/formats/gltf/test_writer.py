@@ -366,6 +366,7 @@ def test_a_late_start_comes_back_at_the_rate_that_is_stated(tmp_path, character,
     assert found.start == (0 if fps == 15 else 123_456)
 
 
+@pytest.mark.usefixtures("input_elsewhere")
 @pytest.mark.parametrize(
     ("command", "same", "member"),
     [

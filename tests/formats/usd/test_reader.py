@@ -281,6 +281,7 @@ def compare(run, command, same, member="", names=None):
     return clip
 
 
+@pytest.mark.usefixtures("input_elsewhere")
 @pytest.mark.parametrize(
     ("command", "same", "member"),
     [
@@ -301,6 +302,7 @@ def test_what_commands_write_is_read_back(extracted, run, command, same, member)
     np.testing.assert_array_equal(mesh.vertices, clip.first.vertices)
 
 
+@pytest.mark.usefixtures("input_elsewhere")
 def test_a_guide_is_left_out(extracted, run):
     command = "export cages.h5 rig.usdc --skeleton --influences 4 --with-model --guide"
     clip = compare(run, command, "--influences 4")
