@@ -23,6 +23,7 @@ from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.shape import compute_corner_normals, has_vertex_normals
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import FormatError
+from cageik_cli.util.text import single_line
 
 NORMAL_NAMES = ("nx", "ny", "nz")
 
@@ -335,7 +336,12 @@ def _wrap_ply_errors() -> Iterator[None]:
     try:
         yield
     except (ValueError, IndexError, KeyError, OverflowError, struct.error) as error:
-        raise FormatError(f"is not a sound PLY mesh ({error}); export it again") from error
+        cause = str(error)
+        if isinstance(error, struct.error):
+            cause = "it is cut short"
+        elif isinstance(error, OverflowError):
+            cause = "a number is too large or small for its type"
+        raise FormatError(f"is not a sound PLY mesh ({cause}); export it again") from error
 
 
 class PlyRows:
@@ -364,7 +370,7 @@ class PlyRows:
                     orders = {"ascii": "<", "binary_little_endian": "<", "binary_big_endian": ">"}
                     self.order, self.is_text = _look_up(orders, words[1]), words[1] == "ascii"
                 elif words[:1] == ["element"]:
-                    self.elements.append(Element(words[1], int(words[2]), {}))
+                    self.elements.append(Element(words[1], _to_integer(words[2]), {}))
                     if self.elements[-1].count < 0:
                         raise ValueError(
                             f"its header says `{' '.join(words)}`, which is not a valid count"
@@ -373,7 +379,8 @@ class PlyRows:
                     types = words[2:4] if words[1] == "list" else words[1:2]
                     codes = "".join(_look_up(_TYPE_CODES, kind) for kind in types)
                     known = self.elements[-1].type_codes
-                    if words[-1] in known or (len(codes) == 2 and codes[0] in "efd"):
+                    is_whole = len(codes) == 1 + (words[1] == "list")
+                    if words[-1] in known or not is_whole or codes[:-1] in {"e", "f", "d"}:
                         raise ValueError(f"its header has the invalid line `{' '.join(words)}`")
                     known[words[-1]] = codes
             except IndexError as error:
@@ -399,14 +406,18 @@ class PlyRows:
             try:
                 return np.loadtxt(lines, kind, comments=None, ndmin=1)
             except ValueError as error:
-                _check_lengths(element, lines)
-                raise ValueError(str(error).rstrip(".")) from error
+                _check_rows(element, lines)
+                raise ValueError(f"a row of `{element.name}` has other numbers") from error
+        if self._offset + element.count * kind.itemsize > len(self._data):
+            raise ValueError("it is cut short")
         rows = np.frombuffer(self._data, kind, element.count, self._offset)
         self._offset += rows.nbytes
         return rows
 
     def _read_beside_lists(self, element: Element) -> NDArray[Any]:
         """Read what is no list of rows whose lists may differ in size."""
+        if element.count > len(self._data):  # a row has a byte, at least
+            raise ValueError("it is cut short")
         codes = {name: code for name, code in element.type_codes.items() if len(code) == 1}
         found = np.empty(element.count, [(name, self.order + code) for name, code in codes.items()])
         even = None if self.is_text else self._read_even_rows(element)
@@ -428,7 +439,7 @@ class PlyRows:
         for line in self._take_lines(element.count):
             for name, words in _cut_text_row(element, line):
                 if len(element.type_codes[name]) == 1:
-                    yield name, float(words[0])
+                    yield name, _to_float(words[0])
 
     def _walk_scalars(self, element: Element) -> Iterator[tuple[str, float]]:
         """Yield the names and values of what is no list, row by row."""
@@ -480,7 +491,8 @@ class PlyRows:
                     sizes.append(len(words))
         code = element.type_codes[wanted][1]
         with np.errstate(over="ignore"):  # what is too large for its type is refused as infinite
-            numbers = np.array(list(map(float if code in "efd" else int, items)), self.order + code)
+            convert = _to_float if code in "efd" else _to_integer
+            numbers = np.array(list(map(convert, items)), self.order + code)
         return numbers, np.array(sizes, np.int64)
 
     def _read_even_rows(self, element: Element) -> NDArray[Any] | None:
@@ -536,7 +548,7 @@ def _cut_text_row(element: Element, line: bytes) -> Iterator[tuple[str, list[byt
     for name, codes in element.type_codes.items():
         if place >= len(words):
             raise ValueError(f"a row of `{element.name}` has {len(words)} numbers, too few")
-        size = int(words[place]) if len(codes) == 2 else 1
+        size = _to_integer(words[place]) if len(codes) == 2 else 1
         place += len(codes) - 1
         if not 0 <= size <= len(words) - place:
             raise ValueError(f"it has a list of {size} items")
@@ -544,15 +556,44 @@ def _cut_text_row(element: Element, line: bytes) -> Iterator[tuple[str, list[byt
         place += size
 
 
-def _check_lengths(element: Element, lines: list[bytes]) -> None:
-    """Refuse rows of a text that have more or fewer numbers than the header says."""
-    expected = len(element.type_codes)
+def _check_rows(element: Element, lines: list[bytes]) -> None:
+    """Refuse rows of a text that have more or fewer numbers than the header says, or other ones."""
+    codes = element.type_codes.values()
     for number, line in enumerate(lines):
-        count = len(line.split())
-        if count != expected:
+        words = line.split()
+        if len(words) != len(codes):
             raise ValueError(
-                f"row {number} of `{element.name}` has {count} numbers, expected {expected}"
+                f"row {number} of `{element.name}` has {len(words)} numbers, expected {len(codes)}"
             )
+        for word, code in zip(words, codes, strict=True):
+            if code in "efd":
+                _to_float(word)
+            elif not _fits(_to_integer(word), code):
+                raise ValueError(f"{_quote(word)} is too large or small for its type")
+
+
+def _fits(number: int, code: str) -> bool:
+    limits = np.iinfo(code)
+    return bool(limits.min <= number <= limits.max)
+
+
+def _to_integer(word: bytes | str) -> int:
+    try:
+        return int(word)
+    except ValueError:
+        raise ValueError(f"{_quote(word)} is not a whole number") from None
+
+
+def _to_float(word: bytes) -> float:
+    try:
+        return float(word.replace(b"_", b"?"))  # Python's digit separator is no number in a file
+    except ValueError:
+        raise ValueError(f"{_quote(word)} is not a number") from None
+
+
+def _quote(word: bytes | str) -> str:
+    text = word.decode("utf-8", "replace") if isinstance(word, bytes) else word
+    return f"`{single_line(text if len(text) <= 40 else text[:37] + '...')}`"
 
 
 def _look_up(known: dict[str, str], word: str) -> str:
@@ -563,5 +604,8 @@ def _look_up(known: dict[str, str], word: str) -> str:
 
 def stack_positions(rows: NDArray[Any]) -> Floats:
     """Return the positions of rows, (n, 3)."""
+    absent = [axis for axis in "xyz" if axis not in (rows.dtype.names or ())]
+    if absent:
+        raise ValueError(f"its vertices have no property `{absent[0]}`")
     with np.errstate(invalid="ignore"):  # a signalling NaN is refused with the others
         return np.stack([rows[axis] for axis in "xyz"], axis=1, dtype=np.float64)

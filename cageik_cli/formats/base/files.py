@@ -1,5 +1,6 @@
 """What is in a file: its bytes, unpacked if gzip packed them, and their digest."""
 
+import codecs
 import gzip
 import hashlib
 import io
@@ -77,6 +78,10 @@ def check_unpacked_size(size: int, packed: int) -> None:
         )
 
 
+TEXT_SAMPLE_BYTES = 80
+"""Bytes behind a mark of Unicode that tell whether a file is a text: most are letters."""
+
+
 class ClaimedBytes:
     """Counts the bytes of the arrays of a file, which may name one array a million times.
 
@@ -105,20 +110,38 @@ def check_unpacked_array(shape: tuple[int, ...], kind: np.dtype[Any], packed: in
 def decompress(data: bytes, suffix: str) -> bytes:
     """Return the content of a file of some suffix, unpacked if it is packed.
 
+    A text in UTF-16, as redirections of PowerShell write it, is returned in UTF-8, and without the
+    mark of that.
+
     Raises
     ------
     FormatError
         When it is damaged, or unpacks to more than `compute_unpacked_limit` says.
     """
     if not suffix.endswith(GZIP_SUFFIX):
-        return data
+        return _to_utf8(data)
     limit = compute_unpacked_limit(len(data))
     try:
         content = gzip.GzipFile(fileobj=io.BytesIO(data)).read(limit + 1)
     except (OSError, EOFError, zlib.error) as error:
         raise FormatError(f"cannot be unpacked ({error}); pack or copy it again") from error
     check_unpacked_size(len(content), len(data))
-    return content
+    return _to_utf8(content)
+
+
+def _to_utf8(data: bytes) -> bytes:
+    """Return a text that is marked as UTF-8 or UTF-16 in UTF-8, without the mark; others as is."""
+    if data.startswith(codecs.BOM_UTF8) and b"\0" not in data[:TEXT_SAMPLE_BYTES]:
+        return data.removeprefix(codecs.BOM_UTF8)
+    orders = {codecs.BOM_UTF16_LE: 1, codecs.BOM_UTF16_BE: 0}  # where the high bytes are
+    high = orders.get(data[:2])
+    begin = data[2 : 2 + TEXT_SAMPLE_BYTES]
+    if high is None:
+        return data
+    pairs, zeros = len(begin) // 2, (begin[high::2].count(0), begin[1 - high :: 2].count(0))
+    if 10 * zeros[0] < 9 * pairs or zeros[1]:
+        return data  # of a binary file
+    return data.decode("utf-16", "replace").encode()
 
 
 def hash_file(path: Path) -> bytes:

@@ -83,7 +83,8 @@ class FileMesh:
     def read_layers(self, layers: LayerReaders) -> "FileMesh":
         """Return it with all that its file says of the surface; a damaged layer is left out."""
         check_corner_counts(self.corner_counts)
-        attributes, left_out = SurfaceAttributes(self.corner_counts, self.corners), []
+        attributes = SurfaceAttributes(self.corner_counts, self.corners)
+        left_out = list(self.left_out)
         for noun, read in layers.items():
             try:
                 attributes = read(attributes)

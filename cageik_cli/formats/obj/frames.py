@@ -25,6 +25,7 @@ from cageik_cli.formats.obj.text import (
     Tokens,
     blank_out,
     convert_words,
+    leave_out_short_faces,
     parse_obj,
     parse_vertices,
     read_vertex_lines,
@@ -44,7 +45,7 @@ from cageik_cli.geometry.shape import compute_fan_normals
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import FileAccessError, FormatError
 from cageik_cli.util.files import read_input
-from cageik_cli.util.text import single_line
+from cageik_cli.util.text import format_count, single_line
 
 KEYWORDS = {
     "uvs": b"vt",
@@ -78,8 +79,15 @@ class Reader(FrameFileReader):
 
     @classmethod
     def parse(cls, data: bytes) -> FileMesh:
-        """Parse the content of an OBJ file."""
-        return parse_obj(data)
+        """Parse the content of an OBJ file, without faces that have fewer than three corners."""
+        try:
+            return parse_obj(data)
+        except FormatError:
+            whole, count = leave_out_short_faces(data)
+            if not count:
+                raise
+            note = f"{format_count(count, 'face')} of fewer than 3 corners left out"
+            return replace(parse_obj(whole), left_out=(note,))
 
     @classmethod
     def make_frame_parser(
@@ -91,7 +99,7 @@ class Reader(FrameFileReader):
     @classmethod
     def read_attributes(cls, data: bytes, mesh: FileMesh) -> FileMesh:
         """Read UVs, normals, names of faces and colours of vertices."""
-        return read_obj_attributes(data, mesh)
+        return read_obj_attributes(leave_out_short_faces(data)[0] if mesh.left_out else data, mesh)
 
     @classmethod
     def read_library(cls, path: Path, mesh: FileMesh) -> FileMesh:

@@ -200,8 +200,25 @@ def parse_polygons(tokens: Tokens) -> tuple[Integers, Integers] | None:
     return (corners, counts) if is_there.all() else None
 
 
+def leave_out_short_faces(data: bytes) -> tuple[bytes, int]:
+    """Return a text without its faces of fewer than three corners, and how many there are.
+
+    One that the text ends in, without the end of its line, stays: the file is cut off there.
+    Numbers in others stay what they are, and so do the places of all other lines.
+    """
+    words = tokenize(blank_out(data))
+    is_short = (words.line_kinds == FACE) & (words.token_counts < 4)
+    if len(is_short) and not data.endswith((b"\n", b"\r")):
+        is_short[-1] = False
+    lines = np.flatnonzero(is_short)
+    text = bytearray(words.text)
+    for begin, end in words.line_bounds(lines).tolist() if len(lines) else ():
+        text[begin : end - 1] = b"#" * (end - 1 - begin)
+    return (bytes(text), len(lines)) if len(lines) else (data, 0)
+
+
 def parse_obj(data: bytes) -> FileMesh:
-    """Read any OBJ file."""
+    """Read any OBJ file; one with faces of fewer than three corners is refused."""
     data = data.removeprefix(codecs.BOM_UTF8)
     if not data.strip():
         raise FormatError("the file is empty, expected an OBJ mesh; export it again")
@@ -230,7 +247,8 @@ def _parse_word_by_word(tokens: Tokens, data: bytes) -> FileMesh:
             else:
                 polygons.append([_parse_corner(word, len(vertices)) for word in words])
         except InputError as error:
-            is_cut = not tokens.line_kinds[line + 1 :].any()
+            is_last = not tokens.line_kinds[line + 1 :].any()
+            is_cut = is_last and not data.endswith((b"\n", b"\r"))
             remedy = "the file is cut off there, export it again" if is_cut else "export it again"
             raise FormatError(f"{_quote_line(tokens, line, data)} {error}; {remedy}") from error
     if not vertices:
