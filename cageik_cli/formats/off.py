@@ -170,13 +170,13 @@ def _to_numbers(words: Sequence[str], kind: type[np.float64 | np.int64]) -> NDAr
     try:
         return np.array(words, kind)
     except (ValueError, OverflowError):
-        pattern = r"[+-]?\d{1,18}" if kind is np.int64 else _NUMBER
+        pattern = r"[+-]?\d{1,18}" if kind is np.int64 else _OFF_NUMBER
         wrong = next((word for word in words if not re.fullmatch(pattern, word)), words[0])
         expected = "a whole number" if kind is np.int64 else "a number"
         raise FormatError(f"`{_quote([wrong])}` is not {expected}") from None
 
 
-_NUMBER = r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|[+-]?(nan|inf|infinity)"
+_OFF_NUMBER = r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|[+-]?(nan|inf|infinity)"
 
 
 def _quote(words: Sequence[str]) -> str:

@@ -490,9 +490,14 @@ class PlyRows:
                     items += words
                     sizes.append(len(words))
         code = element.type_codes[wanted][1]
-        with np.errstate(over="ignore"):  # what is too large for its type is refused as infinite
-            convert = _to_float if code in "efd" else _to_integer
-            numbers = np.array(list(map(convert, items)), self.order + code)
+        convert = _to_float if code in "efd" else _to_integer
+        found = list(map(convert, items))
+        try:
+            with np.errstate(over="ignore"):  # what is too large for floats is refused as infinite
+                numbers = np.array(found, self.order + code)
+        except OverflowError:
+            _check_fit(items, code)
+            raise
         return numbers, np.array(sizes, np.int64)
 
     def _read_even_rows(self, element: Element) -> NDArray[Any] | None:
@@ -568,13 +573,16 @@ def _check_rows(element: Element, lines: list[bytes]) -> None:
         for word, code in zip(words, codes, strict=True):
             if code in "efd":
                 _to_float(word)
-            elif not _fits(_to_integer(word), code):
-                raise ValueError(f"{_quote(word)} is too large or small for its type")
+            else:
+                _check_fit([word], code)
 
 
-def _fits(number: int, code: str) -> bool:
+def _check_fit(words: list[bytes], code: str) -> None:
+    """Refuse the first whole number that its type does not hold."""
     limits = np.iinfo(code)
-    return bool(limits.min <= number <= limits.max)
+    for word in words:
+        if not limits.min <= _to_integer(word) <= limits.max:
+            raise ValueError(f"{_quote(word)} is too large or small for its type")
 
 
 def _to_integer(word: bytes | str) -> int:

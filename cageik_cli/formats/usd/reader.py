@@ -118,12 +118,18 @@ class Reader(SceneReader):
         return UsdSceneMesh(found, self._claimed, self._rigs)
 
     def is_empty(self, found: Any) -> bool:
-        """Return whether a prim has no points or no faces at its first time."""
+        """Return whether a prim states that it has no points, or no faces, at its first time.
+
+        One that states nothing may lack a layer, and is refused.
+        """
         from pxr import Usd, UsdGeom
 
         mesh = UsdGeom.Mesh(found)
         held = mesh.GetPointsAttr(), mesh.GetFaceVertexCountsAttr()
-        return any(len(each.Get(Usd.TimeCode.EarliestTime()) or ()) == 0 for each in held)
+        return any(
+            each.HasAuthoredValue() and not len(each.Get(Usd.TimeCode.EarliestTime()) or ())
+            for each in held
+        )
 
     def replace_uneven(self, times: Floats) -> tuple[Floats, str]:
         """Return the whole time codes in place of uneven samples."""
