@@ -36,11 +36,14 @@ _COMPRESSIONS = (
     "KHR_meshopt_compression",
 )
 
+_READ = ("KHR_mesh_quantization", "KHR_node_visibility", "EXT_mesh_gpu_instancing")
+
 _HARMLESS = re.compile(
-    r"KHR_mesh_quantization|KHR_node_visibility|EXT_mesh_gpu_instancing|"
-    r"(KHR|EXT|MSFT|ADOBE)_(materials|texture|lights)_\w+|KHR_xmp\w*"
+    r"(KHR|EXT|MSFT|ADOBE)_(materials|texture|lights)_\w+|KHR_xmp\w*|FB_(ngon_encoding|\w+_metadata)|"
+    r"EXT_(mesh_features|instance_features|structural_metadata|feature_metadata)|"
+    r"CESIUM_primitive_outline|VRM|VRMC_\w+|MOZ_hubs_components"
 )
-"""Extensions that change no position of a vertex, or that are read."""
+"""Extensions that change no position of a vertex: looks, lights, data and behaviour."""
 
 ACCESSORS = {"uvs": "TEXCOORD_0", "normal_fans": "NORMAL", "colours": "COLOR_0"}
 """The attributes of a primitive that hold a layer of the surface."""
@@ -194,11 +197,13 @@ class Document:
         for name in self.root.list_texts("extensionsRequired"):
             if name in _COMPRESSIONS:
                 raise make_compression_error(name)
-            if not _HARMLESS.fullmatch(name):
+            if name not in _READ and not _HARMLESS.fullmatch(name):
                 raise FormatError(
                     f"needs the extension {name[:60]!a}, which cageik does not read; export it "
                     "without, or as USD or Alembic"
                 )
+        required = dict.fromkeys(self.root.list_texts("extensionsRequired"))
+        self.left_out = [name for name in required if name not in _READ]
         self.nodes = self.root.list_items("nodes")
         self.meshes = self.root.list_items("meshes")
         self.skins = self.root.list_items("skins")

@@ -80,6 +80,10 @@ class Reader(SceneReader):
     def list_meshes(self, path: Path) -> tuple[dict[str, Any], dict[str, str]]:
         """Read the document, and list the nodes that have meshes."""
         self._document = document = Document(path)
+        if document.left_out:
+            self._warnings.append(
+                f"needs {join_truncated(document.left_out)}, which move no vertex and are not kept"
+            )
         names = name_animations(document)
         number, self._top = choose_animation(names, self._member)
         if number is None and len(names) > 1:

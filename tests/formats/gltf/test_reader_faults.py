@@ -366,6 +366,47 @@ def test_what_a_file_cannot_be_read_without_is_named_and_the_rest_is_taken(tmp_p
     assert len(open_sequence([str(path)]).first.vertices) == 3
 
 
+HARMLESS = [
+    *("FB_ngon_encoding", "EXT_mesh_features", "EXT_structural_metadata", "EXT_instance_features"),
+    *(
+        "CESIUM_primitive_outline",
+        "KHR_texture_transform",
+        "KHR_texture_basisu",
+        "EXT_texture_webp",
+    ),
+    *("VRM", "VRMC_vrm", "VRMC_springBone", "VRMC_materials_mtoon", "EXT_texture_webp"),
+    *("KHR_lights_punctual", "MSFT_texture_dds", "KHR_xmp_json_ld", "FB_geometry_metadata"),
+]
+
+
+@pytest.mark.parametrize("name", HARMLESS)
+def test_extensions_that_move_no_vertex_are_left_out_with_a_note(tmp_path, name):
+    file, _ = skinned("LINEAR")
+    plain = frames_of(open_sequence([str(file.save(tmp_path / "plain.glb"))]))
+    file.json["extensionsUsed"] = file.json["extensionsRequired"] = [name]
+    sequence = open_sequence([str(file.save(tmp_path / "a.glb"))])
+    np.testing.assert_array_equal(frames_of(sequence), plain)
+    expected = f"a.glb: needs {name}, which move no vertex and are not kept"
+    assert expected in texts(sequence.notes)
+
+
+@pytest.mark.parametrize(
+    "name", ["CESIUM_RTC", "KHR_animation_pointer", "EXT_mesh_primitive_restart", "VRMX", "FB_new"]
+)
+def test_extensions_that_may_move_vertices_are_refused(tmp_path, name):
+    file, _ = skinned("LINEAR")
+    file.json["extensionsRequired"] = ["KHR_texture_transform", name]
+    with refused(InputError, f"needs the extension '{name}', which cageik does not read"):
+        open_sequence([str(file.save(tmp_path / "a.glb"))])
+
+
+def test_extensions_that_are_read_are_not_noted(tmp_path):
+    file, _ = skinned("LINEAR")
+    file.json["extensionsRequired"] = ["KHR_mesh_quantization", "KHR_node_visibility"]
+    sequence = open_sequence([str(file.save(tmp_path / "a.glb"))])
+    assert "needs" not in " ".join(texts(sequence.notes))
+
+
 def test_channels_that_move_nothing_are_left_out_with_a_note(tmp_path):
     file, _ = skinned("STEP")
     channels = file.json["animations"][0]["channels"]
