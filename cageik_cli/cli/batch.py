@@ -60,9 +60,7 @@ class BatchOptions:
         metavar="PATTERN",
         group=HelpGroup.CLIP,
     )
-    resume: bool = declare_setting(
-        False, "Continue: skip clips that are up to date, extract new, changed and failed ones."
-    )
+    resume: bool = declare_setting(False, "Continue: extract new, changed and failed clips.")
     overwrite: bool = declare_setting(False, "Extract all clips again, and replace the outputs.")
     pages: bool = declare_setting(
         True, "Write one HTML page per clip, linked from index.html.", group=HelpGroup.WRITTEN

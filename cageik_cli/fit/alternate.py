@@ -82,7 +82,7 @@ class CageSolve:
         distances, counts, squares = [], [], 0.0
         shares = iter(target.shares[target.frames].tolist())
         for columns in target.blocks():
-            error = weights @ solver.solve_displacements(columns)
+            error = weights @ solver.solve_frames(columns)
             error -= columns
             error = error[solver.data_vertices]
             squares += float(np.vdot(error, error))

@@ -203,6 +203,7 @@ def extract_to_file(
     alpha: float = SolveSettings().alpha,
     beta: float = SolveSettings().beta,
     align: bool = True,
+    norm: float = SolveSettings().norm,
     fit: FitSettings | bool | None = None,
     given_in: str = "",
     exclude: Sequence[str] = (),
@@ -231,7 +232,7 @@ def extract_to_file(
         in which the fewest parts touch.
     coordinates, accuracy, outside : str
         As of `bind`.
-    alpha, beta, align, fit
+    alpha, beta, align, norm, fit
         As of `extract`.
     given_in : str
         Unit and up axis of `cage` and `rest`, such as `cm` or `m,z`, if not what their files say;
@@ -268,7 +269,7 @@ def extract_to_file(
         rest=Path(rest) if rest is not None else None,
         rest_frame=rest_frame,
         bind=BindSettings(coordinates, accuracy, outside),
-        solve=SolveSettings(alpha, beta, align),
+        solve=SolveSettings(alpha, beta, align, norm),
         fit=fit,
         given_in=SceneHints.parse(given_in) if given_in else SceneHints(),
         clip=ClipSettings(exclude=tuple(exclude)),
@@ -389,6 +390,7 @@ def extract(
     alpha: float = SolveSettings().alpha,
     beta: float = SolveSettings().beta,
     align: bool = True,
+    norm: float = SolveSettings().norm,
     vertex_weights: ArrayLike | Literal["area"] | None = None,
     fit: FitSettings | bool | None = None,
     memory: int = DEFAULT_MEMORY,
@@ -413,6 +415,9 @@ def extract(
         Weights of the cage's Laplacian (higher is smoother) and of the vertices.
     align : bool
         Align each frame rigidly with the rest pose before the solve.
+    norm : float
+        Power by which deviations far above the others of a frame count: 2 is least squares, a
+        higher one, up to 12, lowers the largest deviation.
     vertex_weights : (m,) or "area", optional
         Weights of the vertices; 0 marks missing data. Or each vertex counts by its area.
     fit : FitSettings or bool, optional
@@ -454,7 +459,7 @@ def extract(
         frames=(),
         cage=None,
         output=Path(),
-        solve=SolveSettings(alpha, beta, align),
+        solve=SolveSettings(alpha, beta, align, norm),
         build=_make_build_settings(binding, cage_vertices),
         fit=False if fit is None and binding is not None else fit,
         memory=memory,

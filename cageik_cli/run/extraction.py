@@ -193,6 +193,8 @@ class Extraction:
             settings.vertex_weights, self.rest, len(self.sequence)
         )
         self.sources |= self.vertex_weights.sources
+        if self.weighs_frames:
+            settings.check_norm()
         settings.capture.check_period(self.scene.fps)
         self.fit, self._fit_notes = choose_fit(settings, self.sequence, self.weighs_frames)
         if settings.resume:

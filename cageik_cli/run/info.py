@@ -18,6 +18,7 @@ from cageik_cli.formats.settings import ClipSettings, Scene, SceneHints
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.inputs.source import LoadedModel, holds_caged_model, load_model
 from cageik_cli.method.points.oriented import REST_COUNTS
+from cageik_cli.method.solve.settings import LEAST_SQUARES
 from cageik_cli.method.weights.harmonic import MAX_HARMONIC_FACES
 from cageik_cli.report.figures import group_digits
 from cageik_cli.report.fit_rows import format_fit_rows, list_fit_notes
@@ -106,10 +107,12 @@ def format_binding_rows(stored: StoredBinding, is_verbose: bool = False) -> list
 def _format_fit(record: FitRecord, is_verbose: bool) -> list[Row]:
     """Return the rows on a fit, the size and the notes."""
     solve = record.solve
-    aligned = "" if solve.align else ", not aligned"
+    others = ("" if solve.align else ", not aligned") + (
+        f", norm {solve.norm:g}" if solve.norm > LEAST_SQUARES else ""
+    )
     return [
         *format_fit_rows(record, is_verbose),
-        ("fit cages", f"alpha {solve.alpha:g}, beta {solve.beta:g}{aligned}"),
+        ("fit cages", f"alpha {solve.alpha:g}, beta {solve.beta:g}{others}"),
         ("size", f"{group_digits(record.report.fixed_floats)} floats of fitted weights"),
         *(("note", note) for note in list_fit_notes(record)),
     ]

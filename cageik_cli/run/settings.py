@@ -29,7 +29,7 @@ from cageik_cli.inputs.settings import (
     declare_vertex_weights,
 )
 from cageik_cli.method.pose.settings import PosingSettings
-from cageik_cli.method.solve.settings import SolveSettings
+from cageik_cli.method.solve.settings import LEAST_SQUARES, SolveSettings
 from cageik_cli.method.weights.settings import BindSettings
 from cageik_cli.util.errors import SettingError
 from cageik_cli.util.messages import say
@@ -135,6 +135,16 @@ class ExtractSettings(CommandSettings):
         if self.fit is True:
             object.__setattr__(self, "fit", FitSettings())
         self._check_fit()
+        if self.is_captured:
+            self.check_norm()
+
+    def check_norm(self) -> None:
+        """Refuse a norm above that of least squares: for data that may be noisy or missing."""
+        if self.solve.norm > LEAST_SQUARES:
+            raise SettingError(
+                f"norm is {self.solve.norm:g}, but the data may be noisy or missing, and a norm "
+                f"above {LEAST_SQUARES:g} follows outliers; " + say("leave out `norm=`")
+            )
 
     def _check_fit(self) -> None:
         """Refuse a fit of weights that are given, or that would be lost."""

@@ -9,7 +9,8 @@ mesh; w has mean one). In displacements d = c − c_rest each frame is a right-h
 
     [(α/n) LᵀL + (β/m) HᵀW H] d = (β/m) HᵀW (v − H c_rest),
 
-in which nothing large cancels, and the rest pose gives the rest cage exactly.
+in which nothing large cancels, and the rest pose gives the rest cage exactly. A norm above 2 then
+lowers the largest deviations, see `norm.py`.
 """
 
 from dataclasses import asdict, dataclass, field
@@ -20,7 +21,8 @@ from numpy.typing import NDArray
 from cageik_cli.geometry.points import columns_to_frames, frames_to_columns, place_columns
 from cageik_cli.geometry.shape import uniform_laplacian
 from cageik_cli.method.solve.alignment import best_motions, centroids, move_to_rest
-from cageik_cli.method.solve.settings import SolveSettings
+from cageik_cli.method.solve.norm import MIN_LIMIT, DeviationNorm
+from cageik_cli.method.solve.settings import LEAST_SQUARES, SolveSettings
 from cageik_cli.method.solve.vertex_weights import drop_unused_vertices
 from cageik_cli.method.weights.binding import Binding, Poses, WeightQuality
 from cageik_cli.util.arrays import Floats, Integers, Workspace, spread_evenly
@@ -133,6 +135,16 @@ class DualLaplacianSolver:
         # Products with the inverse of the factor are quicker than substitutions, and for columns
         # of data as exact: the error grows with the root of the condition number, twice.
         self._inverse_factor = np.linalg.inv(np.linalg.cholesky(self.normal))
+        self._norm: DeviationNorm | None = None
+        if settings.norm > LEAST_SQUARES:
+            self._norm = DeviationNorm(
+                settings.norm,
+                normal=self.normal,
+                weights=self._weights,
+                vertex_weights=self.vertex_weights,
+                data_scale=self.data_scale,
+                least=MIN_LIMIT * self._diagonal,
+            )
 
     def solve(self, frames: Floats, workspace: Workspace | None = None) -> Solution:
         """Return the cages of `frames`, (k, m, 3).
@@ -142,7 +154,7 @@ class DualLaplacianSolver:
         workspace = workspace or Workspace()
         columns, centres, rotations = self.align(frames, workspace)
         sampled = self._scale_sample(columns[self.sampled_vertices])
-        displaced = columns_to_frames(self.solve_displacements(columns))
+        displaced = columns_to_frames(self.solve_frames(columns, workspace))
         turned = (self.rest_cage + displaced) @ rotations
         np.matmul(self._weights, frames_to_columns(turned), out=columns)
         moved = workspace.array("moved", *frames.shape)
@@ -190,8 +202,22 @@ class DualLaplacianSolver:
         """Return displacements in diagonals; those that fit no single precision are shortened."""
         return np.clip(displacements / self._diagonal, -1e30, 1e30)
 
+    def solve_frames(self, target: Floats, workspace: Workspace | None = None) -> Floats:
+        """Return the cage displacements (n, 3k) of k frames, (m, 3k), in the norm of the settings.
+
+        For least squares these are those of `solve_displacements`.
+        """
+        displaced = self.solve_displacements(target)
+        if self._norm is not None:
+            residuals = (workspace or Workspace()).array("residuals", *target.shape)
+            np.matmul(self._weights, displaced, out=residuals)
+            displaced += self._norm.correct(np.subtract(target, residuals, out=residuals))
+        return displaced
+
     def solve_displacements(self, target: Floats) -> Floats:
         """Return the cage displacements (n, 3k) that fit vertex displacements (m, 3k) best.
+
+        That is by least squares, also for columns that are no frames.
 
         Refinement computes the residual over the vertices, without the normal matrix (Björck 1987,
         the corrected seminormal equations).

@@ -5,6 +5,9 @@ from dataclasses import dataclass
 from cageik_cli.util.errors import SettingError
 from cageik_cli.util.settings import HelpGroup, check_settings, declare_setting
 
+LEAST_SQUARES = 2.0
+"""The norm of least squares."""
+
 AREA = "area"
 """Says, in place of a file of vertex weights, that each vertex counts by its area."""
 
@@ -34,6 +37,19 @@ class SolveSettings:
         "Align each frame rigidly with the rest pose before the solve.",
         name="align",
         meaning="move each frame rigidly onto the rest pose before it is solved",
+        group=HelpGroup.SOLVE,
+    )
+    norm: float = declare_setting(
+        LEAST_SQUARES,
+        "Power by which deviations far above the others of a frame count: 2 is least squares, a "
+        "higher one lowers the largest deviation.",
+        name="norm",
+        meaning="power by which deviations far above the others of a frame count; 2 is least "
+        "squares",
+        is_recorded_unset=False,
+        metavar="P",
+        minimum=2,
+        maximum=12,
         group=HelpGroup.SOLVE,
     )
 

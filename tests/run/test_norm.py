@@ -1,0 +1,103 @@
+"""Runs in which the largest deviations are lowered: what they give, record, resume and refuse."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cageik_cli import bind, load_clip, load_mesh, read_result
+from cageik_cli import extract as extract_arrays
+from cageik_cli.captured.settings import CaptureSettings
+from cageik_cli.formats.settings import ClipSettings
+from cageik_cli.method.solve.settings import SolveSettings
+from cageik_cli.run.extraction import extract
+from cageik_cli.run.settings import ExtractSettings
+from cageik_cli.util.errors import CheckpointError, SettingError
+from tests.refusals import refused
+
+SIX = SolveSettings(norm=6)
+
+
+@pytest.fixture(scope="module")
+def walker(fixtures_folder, weights_cache, tmp_path_factory):
+    """Settings for every fourth frame of the walking figure."""
+    frames = fixtures_folder / "walker" / "frames"
+    return ExtractSettings(
+        frames=tuple(str(frames / f"walker_{k}.obj") for k in range(1, 49, 4)),
+        cage=fixtures_folder / "walker" / "cage.obj",
+        output=tmp_path_factory.mktemp("walker") / "cages.h5",
+        cache=weights_cache,
+        overwrite=True,
+    )
+
+
+def test_the_largest_deviation_of_a_clip_falls(walker):
+    plain = extract(walker).metrics
+    even = extract(replace(walker, solve=SIX)).metrics
+    assert even.max_deviation.max() < 0.85 * plain.max_deviation.max()
+    assert (even.max_deviation <= plain.max_deviation).all()
+    rms = [np.sqrt(np.mean(one.rms**2)) for one in (plain, even)]
+    assert rms[0] < rms[1] < 1.05 * rms[0]
+
+
+def test_the_norm_is_recorded_where_it_is_not_least_squares(walker):
+    assert extract(replace(walker, solve=SIX)).settings["norm"] == 6
+    assert "norm" not in extract(replace(walker, solve=SolveSettings(norm=2))).settings
+
+
+def test_threads_and_memory_do_not_change_a_byte(walker):
+    settings = replace(walker, solve=SIX)
+    first = extract(settings).path.read_bytes()
+    assert extract(replace(settings, jobs=3, memory=1)).path.read_bytes() == first
+
+
+def test_another_norm_is_another_result(walker):
+    settings = replace(walker, solve=SIX, output=walker.output.with_name("six.h5"))
+    extract(settings)
+    again = replace(settings, overwrite=False, resume=True)
+    assert extract(again).settings["norm"] == 6
+    with refused(CheckpointError, "is the result of other settings"):
+        extract(replace(again, solve=SolveSettings(norm=4)))
+
+
+def test_the_arrays_of_the_api_have_it(walker):
+    result = extract(replace(walker, solve=SIX))
+    clip = load_clip(list(walker.frames))
+    binding = bind(clip.first, load_mesh(walker.cage))
+    even, plain = (extract_arrays(clip, binding, norm=norm) for norm in (6, 2))
+    assert even.metrics.max_deviation.max() < 0.85 * plain.metrics.max_deviation.max()
+    np.testing.assert_allclose(even.metrics.rms, result.metrics.rms, rtol=1e-6, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"capture": CaptureSettings(robust=True)},
+        {"capture": CaptureSettings(smooth=0.2)},
+        {"capture": CaptureSettings(fill_gaps=True)},
+        {"clip": ClipSettings(missing=True)},
+    ],
+)
+def test_captured_data_is_refused(walker, options):
+    with refused(SettingError, "norm is 6, but the data may be noisy or missing"):
+        replace(walker, solve=SIX, **options)
+    assert replace(walker, **options).solve.norm == 2
+
+
+def test_weights_per_frame_are_refused(walker, tmp_path):
+    np.save(tmp_path / "weights.npy", np.ones((12, 1570)))
+    settings = replace(walker, vertex_weights=tmp_path / "weights.npy")
+    with refused(SettingError, "norm is 6, but the data may be noisy or missing"):
+        extract(replace(settings, solve=SIX))
+    assert read_result(extract(settings).path).settings["vertex_weights"] is True
+
+
+def test_the_command_names_its_option(run, folder):
+    words = ("extract", "frames", "--cage", "cage.obj", "-o", "a.h5", "--norm", "6")
+    outcome = run(*words, "--robust")
+    assert outcome.code == 2
+    assert "leave out --norm" in outcome.err
+    assert not Path("a.h5").exists()
+    assert run(*words).code == 0
+    assert "norm 6" in run("info", "a.h5").out
