@@ -7,6 +7,7 @@ import numpy as np
 
 from cageik_cli.fit.alternate import Alternator, CageSolve
 from cageik_cli.fit.fitted import FittedWeights
+from cageik_cli.fit.norm import lower_deviations
 from cageik_cli.fit.problem import (
     AFFINE_FUNCTIONS,
     SurfaceLaplacian,
@@ -182,7 +183,12 @@ class Fitter:
         What is returned is as of `Alternator.fit`.
         """
         target = sample.target.compress(self._problem.vertex_weights)
-        return self.make_alternator(sample, strength).fit(target, self._settings)
+        alternator = self.make_alternator(sample, strength)
+        if self._norm is None:
+            return alternator.fit(target, self._settings)
+        change = alternator.fit_full_rank(target)
+        del target  # it takes as much memory as lowering deviations does
+        return self._fit_in_norm(alternator, sample, change, self._norm)
 
     def make_alternator(
         self, sample: Sample, strength: Strength, *, max_rounds: int = MAX_ROUNDS, share: int = 1
@@ -209,8 +215,12 @@ class Fitter:
         return 2 if has_memory and self._jobs > 1 else 1
 
     def _find_memory_left(self, sample: Sample) -> int:
-        """Return the bytes that a fit may take beside the sample and its part."""
-        return self._memory - 2 * sample.target.nbytes
+        """Return the bytes that a fit may take beside the sample and its parts.
+
+        The parts of two trials, the half and two thirds, are compressed, but for a norm.
+        """
+        parts = 1 if self._norm is None else 7 / 6
+        return self._memory - int((1 + parts) * sample.target.nbytes)
 
     def _compare_held_out(self, sample: Sample, strength: Strength) -> list[Comparison | None]:
         """Fit to the frames of a sample that are not held out, and measure those that are.
@@ -226,8 +236,11 @@ class Fitter:
             if is_held.all() or not is_held.any():
                 return None
             trial = Trial(sample, is_held, self._problem)
-            fitted, _ = alternator.fit(trial.seen, self._settings)
-            return self.cage_solve.compare(fitted.weights, trial.held_out)
+            if self._norm is None:
+                fitted, _ = alternator.fit(trial.seen, self._settings)
+                return self.cage_solve.compare(fitted.weights, trial.held_out)
+            trial.change = alternator.fit_full_rank(trial.seen)
+            return self._compare_trial(trial, alternator)
 
         with OrderedMap(compare, sample.held_out_masks, fits, fits) as found:
             return list(found)
@@ -270,13 +283,18 @@ class Fitter:
                 trial.go_back()
         alternator = self.make_alternator(sample, ladder[count - 1].strength, share=fits)
 
-        def compare(trial: Trial) -> Comparison:
-            fitted, _ = alternator.fit(trial.seen, self._settings, trial.change)
-            return self.cage_solve.compare(fitted.weights, trial.held_out)
-
-        with OrderedMap(compare, trials, fits, fits) as found:
+        with OrderedMap(
+            lambda trial: self._compare_trial(trial, alternator), trials, fits, fits
+        ) as found:
             comparisons = [*found, None][:2]
         return tuple(ladder[:count]), limit, tried, comparisons
+
+    def _compare_trial(self, trial: Trial, alternator: Alternator) -> Comparison:
+        """Measure a trial on frames held out, in the form and the norm of the settings."""
+        if self._norm is not None:
+            trial.lower_deviations(alternator, self._norm)
+        fitted, _ = alternator.fit(trial.seen, self._settings, trial.change)
+        return self.cage_solve.compare(fitted.weights, trial.held_out)
 
     def _follow(self, sample: Sample, ladder: Sequence[Rung]) -> tuple[Binding, Correction | None]:
         """Fit the weights to a sample at each strength of a ladder, as its trials were."""
@@ -284,7 +302,26 @@ class Fitter:
         for rung in ladder:
             alternator = self.make_alternator(sample, rung.strength)
             change = take_rounds(alternator, rung.rounds, target, change)
-        return self.make_alternator(sample, ladder[-1].strength).fit(target, self._settings, change)
+        alternator = self.make_alternator(sample, ladder[-1].strength)
+        if change is None or self._norm is None:
+            return alternator.fit(target, self._settings, change)
+        del target  # it takes as much memory as lowering deviations does
+        return self._fit_in_norm(alternator, sample, change, self._norm)
+
+    @property
+    def _norm(self) -> float | None:
+        """The norm that weights lower the largest deviations by: all of them, or none."""
+        settings, solve = self._settings, self._solve
+        has_all = settings.rank is None and settings.influences is None
+        return solve.norm if has_all and solve.lowers_deviations else None
+
+    def _fit_in_norm(
+        self, alternator: Alternator, sample: Sample, change: Correction, norm: float
+    ) -> tuple[Binding, Correction | None]:
+        """Lower the largest deviations of a sample, from a change that fits by least squares."""
+        problem, target = alternator.problem, sample.target
+        change = lower_deviations(problem, self.cage_solve, target, change, norm)
+        return alternator.fit(target, self._settings, change)
 
 
 def _check_freedom(binding: Binding, settings: FitSettings) -> None:

@@ -29,6 +29,7 @@ threads, so neither does the result.
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import accumulate
 
 import numpy as np
 from numpy.typing import NDArray
@@ -158,7 +159,7 @@ class Displacements:
     Attributes
     ----------
     parts : tuple of (m, 3b) float32 or float64
-        Of all frames in memory, frame by frame; each part but the last has `FRAMES_PER_PART`.
+        Of all frames in memory, frame by frame; each part has `FRAMES_PER_PART` at most.
         Scaled by the roots of their shares, so that sums of squares weigh the frames.
     frames : (k,) int64
         The frames that count, in ascending order; the others are as if they were not there.
@@ -268,8 +269,9 @@ class Displacements:
         parts = [part.astype(self.parts[0].dtype, copy=False) for part in parts]
         return Displacements(tuple(parts), np.arange(count), np.full(count, self.weight / count))
 
-    def _starts(self) -> range:
-        return range(0, FRAMES_PER_PART * len(self.parts), FRAMES_PER_PART)
+    def _starts(self) -> list[int]:
+        """Return the number of the first frame of each part."""
+        return [0, *accumulate(part.shape[1] // 3 for part in self.parts[:-1])]
 
     def _choose_columns(self, first: int, part: NDArray[np.floating]) -> Integers:
         """Return the columns that count in a part which begins with frame `first`."""

@@ -22,6 +22,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cageik_cli.fit.alternate import Alternator
+from cageik_cli.fit.norm import TRIAL_ROUNDS, lower_deviations
 from cageik_cli.fit.problem import Displacements, WeightProblem
 from cageik_cli.fit.sample import Sample, spread_points
 from cageik_cli.fit.settings import (
@@ -131,14 +132,14 @@ class Trial:
     Attributes
     ----------
     seen, held_out : Displacements
-        The frames that are fitted, in fewer columns, and the others.
+        The frames that are fitted, in fewer columns as long as that serves, and the others.
     change : Correction
         What the fit has changed so far.
     """
 
     def __init__(self, sample: Sample, is_held: Mask, problem: WeightProblem) -> None:
-        seen = sample.target.take(sample.target.frames[~is_held])
-        self.seen = seen.compress(problem.vertex_weights)
+        self._frames = sample.target.take(sample.target.frames[~is_held])
+        self.seen = self._frames.compress(problem.vertex_weights)
         self.held_out = sample.target.take(sample.target.frames[is_held])
         self.change = Correction.none(*problem.rest_weights.shape)
         self._before = self.change
@@ -154,6 +155,12 @@ class Trial:
         solve = alternator.cage_solve
         _, rms = solve.solve(weights, self.held_out, alternator.problem.jobs)
         return 100 * rms / solve.binding.rest.diagonal
+
+    def lower_deviations(self, alternator: Alternator, norm: float) -> None:
+        """Lower the largest deviations of the frames seen, which must not be compressed for it."""
+        self.seen = self._frames
+        problem, solve = alternator.problem, alternator.cage_solve
+        self.change = lower_deviations(problem, solve, self.seen, self.change, norm, TRIAL_ROUNDS)
 
     def go_back(self) -> None:
         """Take the last step back."""

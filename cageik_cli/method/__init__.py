@@ -89,7 +89,7 @@ back behind it (`best_motions`): so δ need not turn, and moved frames have move
 >>> from cageik_cli.method.solve.settings import SolveSettings
 >>> settings = SolveSettings()
 >>> settings
-SolveSettings(alpha=0.001, beta=1.0, align=True, norm=2.0)
+SolveSettings(alpha=0.001, beta=1.0, align=True, norm=None)
 >>> solver = DualLaplacianSolver(binding, settings)
 >>> normal = settings.alpha / n * L.T @ L + settings.beta / m * H.T @ H
 >>> bool(np.allclose(solver.normal, normal, rtol=0, atol=1e-12))

@@ -30,7 +30,7 @@ from cageik_cli.method.weights.binding import Binding, Poses, reconstruct_frames
 from cageik_cli.method.weights.settings import BindSettings
 from cageik_cli.run import extraction as file_extraction
 from cageik_cli.run.extraction import Extraction
-from cageik_cli.run.fit import choose_fit, fit_weights
+from cageik_cli.run.fit import choose_fit, choose_norm, fit_weights
 from cageik_cli.run.settings import ExtractSettings
 from cageik_cli.store import result as result_file
 from cageik_cli.store.binding_file import StoredBinding
@@ -203,7 +203,7 @@ def extract_to_file(
     alpha: float = SolveSettings().alpha,
     beta: float = SolveSettings().beta,
     align: bool = True,
-    norm: float = SolveSettings().norm,
+    norm: float | None = None,
     fit: FitSettings | bool | None = None,
     given_in: str = "",
     exclude: Sequence[str] = (),
@@ -390,7 +390,7 @@ def extract(
     alpha: float = SolveSettings().alpha,
     beta: float = SolveSettings().beta,
     align: bool = True,
-    norm: float = SolveSettings().norm,
+    norm: float | None = None,
     vertex_weights: ArrayLike | Literal["area"] | None = None,
     fit: FitSettings | bool | None = None,
     memory: int = DEFAULT_MEMORY,
@@ -415,9 +415,10 @@ def extract(
         Weights of the cage's Laplacian (higher is smoother) and of the vertices.
     align : bool
         Align each frame rigidly with the rest pose before the solve.
-    norm : float
+    norm : float, optional
         Power by which deviations far above the others of a frame count: 2 is least squares, a
-        higher one, up to 12, lowers the largest deviation.
+        higher one, up to 12, lowers the largest deviation. It is 6 by default where weights are
+        fitted to a clip without outliers, else 2.
     vertex_weights : (m,) or "area", optional
         Weights of the vertices; 0 marks missing data. Or each vertex counts by its area.
     fit : FitSettings or bool, optional
@@ -468,6 +469,11 @@ def extract(
     if binding is None:
         binding = _bind_built_cage(clip, settings)
     sequence = as_sequence(clip, binding.rest)
+    chosen, notes = choose_fit(settings, sequence)
+    is_clean = True if settings.fit is None else None  # or it would not be fitted
+    solve = choose_norm(settings.solve, chosen, [sequence], is_clean=is_clean)
+    settings = replace(settings, fit=chosen or False, solve=solve)
+    binding = replace(binding, notes=binding.notes + notes)
     stored = _fit(binding, sequence, settings, vertex_weights)
     extraction = Extraction(settings, stored=stored)
     extraction.sequence = sequence
@@ -482,16 +488,14 @@ def _fit(
     settings: ExtractSettings,
     vertex_weights: ArrayLike | Literal["area"] | None,
 ) -> StoredBinding:
-    """Return the weights to extract with: fitted to the clip, or noted why they are not."""
-    chosen, notes = choose_fit(settings, clip)
-    binding = replace(binding, notes=binding.notes + notes)
+    """Return the weights to extract with: fitted to the clip, if the settings ask for that."""
     stored = StoredBinding(binding, {})
-    if chosen is None:
+    if not isinstance(settings.fit, FitSettings):
         return stored
     fitted = fit_weights(
         binding,
         [clip],
-        chosen,
+        settings.fit,
         solve=settings.solve,
         vertex_weights=vertex_weights,
         memory=settings.memory,

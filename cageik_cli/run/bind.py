@@ -8,7 +8,7 @@ from cageik_cli.inputs.clip import load_vertex_weights, open_clip_of
 from cageik_cli.inputs.scene import CommonScene
 from cageik_cli.inputs.weights import bind_cached, suggest_repair
 from cageik_cli.method.weights.binding import Binding
-from cageik_cli.run.fit import fit_to_clips
+from cageik_cli.run.fit import choose_norm, fit_to_clips
 from cageik_cli.run.settings import BindRunSettings
 from cageik_cli.store.binding_file import StoredBinding, write_binding
 from cageik_cli.util.outputs import check_writable
@@ -56,7 +56,7 @@ def _fit_to_files(
         clips,
         settings.fit,
         progress,
-        solve=settings.solve,
+        solve=choose_norm(settings.solve, settings.fit, clips),
         vertex_weights=load_vertex_weights(settings.vertex_weights, rest).vertices,
         memory=settings.memory,
         jobs=settings.weights.jobs,

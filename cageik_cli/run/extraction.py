@@ -45,12 +45,14 @@ from cageik_cli.method.solve.regions import (
     find_worst_regions,
     has_bad_regions,
 )
+from cageik_cli.method.solve.settings import SolveSettings
 from cageik_cli.method.solve.summary import MAX_BRIDGED_FRAMES, ClipSummary
 from cageik_cli.method.weights.binding import Binding, reconstruct_frames
 from cageik_cli.run.executor import MemoryPlan, RunBlocks, run_in_threads
 from cageik_cli.run.fit import (
     choose_compared_frames,
     choose_fit,
+    choose_norm,
     fit_to_clips,
     measure_baseline_weights,
 )
@@ -197,11 +199,28 @@ class Extraction:
             settings.check_norm()
         settings.capture.check_period(self.scene.fps)
         self.fit, self._fit_notes = choose_fit(settings, self.sequence, self.weighs_frames)
+        self.settings = settings = replace(settings, solve=self._choose_norm())
         if settings.resume:
             scene, recorded = self.scene, self.recorded_settings
             self.existing, self.replaced = find_existing(
                 settings, self.sequence, scene, recorded=recorded, sources=self.sources
             )
+
+    def _choose_norm(self) -> SolveSettings:
+        """Choose the norm of the cages, see `choose_norm`; binding files state that of their fit.
+
+        Of data that may be noisy it is that of least squares.
+        """
+        settings, known = self.settings, None if self.stored is None else self.stored.fit
+        fit = self.fit
+        if fit is None and known is not None and known.solve.lowers_deviations:
+            fit = known.settings
+        is_clean = None
+        if self.weighs_frames:
+            is_clean = False
+        elif self.fit is not None and settings.fit is None:
+            is_clean = True  # or weights would not be fitted without being asked for
+        return choose_norm(settings.solve, fit, [self.sequence], is_clean=is_clean)
 
     @property
     def scene(self) -> Scene:

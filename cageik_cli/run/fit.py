@@ -22,7 +22,7 @@ from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.seams import Seams
 from cageik_cli.method.solve.dual_laplacian import DualLaplacianSolver
 from cageik_cli.method.solve.metrics import check_finite, measure
-from cageik_cli.method.solve.settings import SolveSettings
+from cageik_cli.method.solve.settings import FITTED_NORM, SolveSettings
 from cageik_cli.method.solve.vertex_weights import make_vertex_weights
 from cageik_cli.method.weights.binding import Binding
 from cageik_cli.run.settings import ExtractSettings
@@ -40,7 +40,7 @@ MIN_FRAMES_BY_DEFAULT = 3
 """Shorter clips have one pose beside that at rest: weights are fitted to it only if asked for."""
 
 MAX_PROBED_FRAMES = 100
-"""Evenly spread frames in which outlier vertices are sought before a fit nobody asked for, and
+"""Evenly spread frames in which outlier vertices are sought before what they would spoil, and
 vertices that come apart."""
 
 MAX_COMPARED_FIT_FRAMES = 64
@@ -71,7 +71,8 @@ def fit_weights(
     settings : FitSettings, optional
         How closely to fit, and with how many numbers.
     solve : SolveSettings, optional
-        How the cages are solved; as `extract` does by default.
+        How the cages are solved. By default the largest deviations of clips without outliers are
+        lowered, by weights and cages: extract with `norm=6`, too.
     vertex_weights : (m,) or "area", optional
         Weights of the vertices; 0 marks missing data. Or each vertex counts by its area.
     memory : int
@@ -96,12 +97,13 @@ def fit_weights(
     True
     """
     sequences = [as_sequence(clip, binding.rest) for clip in clips]
+    settings = settings or FitSettings()
     return _fit_welded(
         binding,
         sequences,
         settings,
         find_seams(binding.rest, sequences),
-        solve=solve,
+        solve=choose_norm(solve or SolveSettings(), settings, sequences),
         vertex_weights=make_vertex_weights(vertex_weights, binding.rest),
         memory=memory,
         jobs=jobs or count_processors(),
@@ -188,6 +190,34 @@ def choose_fit(
     return (None, (Note("weights are not fitted: " + reason),)) if reason else (FitSettings(), ())
 
 
+def choose_norm(
+    solve: SolveSettings,
+    fit: FitSettings | None,
+    clips: Sequence[MeshSequence],
+    *,
+    is_clean: bool | None = None,
+) -> SolveSettings:
+    """Choose the norm of the cages: as asked; else `FITTED_NORM` for fitted weights.
+
+    That is for weights all of which are fitted: their rows lower the largest deviations, too, and
+    the error does not rise. Vertices that are outliers would win, so clips with any are left out.
+
+    Parameters
+    ----------
+    fit : FitSettings or None
+        How the weights are fitted, or were.
+    is_clean : bool, optional
+        Whether the clips have no outliers; looked for by default, where that counts.
+    """
+    if solve.norm is not None:
+        return solve
+    if fit is None or fit.rank is not None or fit.influences is not None:
+        return solve
+    if is_clean is None:
+        is_clean = not any(_has_outliers(clip) for clip in clips)
+    return replace(solve, norm=FITTED_NORM) if is_clean else solve
+
+
 def _find_fit_obstacle(settings: ExtractSettings, clip: MeshSequence, weighs_frames: bool) -> Said:
     """Say what stands against a fit that nobody asked for; nothing if it can be made."""
     frames = len(clip) - len(clip.missing)
@@ -210,12 +240,17 @@ def _find_fit_obstacle(settings: ExtractSettings, clip: MeshSequence, weighs_fra
             f"that takes at least {format_bytes(needed)}, more than the limit of "
             f"{format_bytes(settings.memory)}; " + say("raise it by `memory=`")
         )
-    if has_outlier_vertices(clip.first, _read_probed_frames(clip)):
+    if _has_outliers(clip):
         return say(
             "single vertices are outliers among their neighbours; fitted weights would "
             "follow them; reject them by `robust=True`"
         )
     return ""
+
+
+def _has_outliers(clip: MeshSequence) -> bool:
+    """Return whether single vertices are outliers in some of a few frames of a clip."""
+    return has_outlier_vertices(clip.first, _read_probed_frames(clip))
 
 
 def _read_probed_frames(clip: MeshSequence, count: int = MAX_PROBED_FRAMES) -> Iterator[Floats]:

@@ -18,7 +18,6 @@ from cageik_cli.formats.settings import ClipSettings, Scene, SceneHints
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.inputs.source import LoadedModel, holds_caged_model, load_model
 from cageik_cli.method.points.oriented import REST_COUNTS
-from cageik_cli.method.solve.settings import LEAST_SQUARES
 from cageik_cli.method.weights.harmonic import MAX_HARMONIC_FACES
 from cageik_cli.report.figures import group_digits
 from cageik_cli.report.fit_rows import format_fit_rows, list_fit_notes
@@ -108,7 +107,7 @@ def _format_fit(record: FitRecord, is_verbose: bool) -> list[Row]:
     """Return the rows on a fit, the size and the notes."""
     solve = record.solve
     others = ("" if solve.align else ", not aligned") + (
-        f", norm {solve.norm:g}" if solve.norm > LEAST_SQUARES else ""
+        f", norm {solve.norm:g}" if solve.lowers_deviations else ""
     )
     return [
         *format_fit_rows(record, is_verbose),

@@ -140,7 +140,7 @@ class ExtractSettings(CommandSettings):
 
     def check_norm(self) -> None:
         """Refuse a norm above that of least squares: for data that may be noisy or missing."""
-        if self.solve.norm > LEAST_SQUARES:
+        if self.solve.lowers_deviations:
             raise SettingError(
                 f"norm is {self.solve.norm:g}, but the data may be noisy or missing, and a norm "
                 f"above {LEAST_SQUARES:g} follows outliers; " + say("leave out `norm=`")

@@ -10,6 +10,7 @@ from cageik_cli.cages.bind import bind
 from cageik_cli.fit.settings import FitSettings
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.inputs.settings import WeightSettings
+from cageik_cli.method.solve.settings import FITTED_NORM, SolveSettings
 from cageik_cli.method.weights.settings import BindSettings
 from cageik_cli.report.record import build_report
 from cageik_cli.run.bind import bind_files
@@ -47,7 +48,8 @@ def run(tmp_path, write_obj):
 
 
 def test_errors_and_shapes_are_those_of_a_run_without_a_fit(run):
-    fitted, plain = run(), run("plain.h5", fit=None)
+    """In the same norm, which a fit chooses."""
+    fitted, plain = run(), run("plain.h5", fit=None, solve=SolveSettings(norm=FITTED_NORM))
     binding = bind(plain.rest, plain.cage, MEAN_VALUE)
     with h5py.File(fitted.path) as file, h5py.File(plain.path) as other:
         held = file["unfitted"]
@@ -97,7 +99,8 @@ def test_chosen_frames_are_spread_and_hold_the_key_frames(count, keys):
 def test_a_fitted_binding_file_is_compared_as_its_own_run(run, tmp_path, form, cache):
     """The weights before the fit are not in the file: they are computed again, or cached."""
     cache = cache and tmp_path / cache
-    expected, plain = run("own.h5", fit=form), run("plain.h5", fit=None)
+    expected = run("own.h5", fit=form)
+    plain = run("plain.h5", fit=None, solve=SolveSettings(norm=expected.settings.get("norm")))
     bind_files(
         BindRunSettings(
             tmp_path / "cage.obj",

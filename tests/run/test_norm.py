@@ -6,13 +6,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cageik_cli import bind, load_clip, load_mesh, read_result
+from cageik_cli import bind, fit_weights, load_clip, load_mesh, read_result
 from cageik_cli import extract as extract_arrays
 from cageik_cli.captured.settings import CaptureSettings
+from cageik_cli.fit.settings import FitSettings
 from cageik_cli.formats.settings import ClipSettings
-from cageik_cli.method.solve.settings import SolveSettings
+from cageik_cli.method.solve.settings import FITTED_NORM, SolveSettings
+from cageik_cli.run.bind import bind_files
 from cageik_cli.run.extraction import extract
-from cageik_cli.run.settings import ExtractSettings
+from cageik_cli.run.settings import BindRunSettings, ExtractSettings
 from cageik_cli.util.errors import CheckpointError, SettingError
 from tests.refusals import refused
 
@@ -41,9 +43,10 @@ def test_the_largest_deviation_of_a_clip_falls(walker):
     assert rms[0] < rms[1] < 1.05 * rms[0]
 
 
-def test_the_norm_is_recorded_where_it_is_not_least_squares(walker):
+def test_the_norm_is_recorded_where_it_is_stated(walker):
     assert extract(replace(walker, solve=SIX)).settings["norm"] == 6
-    assert "norm" not in extract(replace(walker, solve=SolveSettings(norm=2))).settings
+    assert extract(replace(walker, solve=SolveSettings(norm=2))).settings["norm"] == 2
+    assert "norm" not in extract(walker).settings
 
 
 def test_threads_and_memory_do_not_change_a_byte(walker):
@@ -82,7 +85,7 @@ def test_the_arrays_of_the_api_have_it(walker):
 def test_captured_data_is_refused(walker, options):
     with refused(SettingError, "norm is 6, but the data may be noisy or missing"):
         replace(walker, solve=SIX, **options)
-    assert replace(walker, **options).solve.norm == 2
+    assert replace(walker, **options).solve.norm is None
 
 
 def test_weights_per_frame_are_refused(walker, tmp_path):
@@ -101,3 +104,67 @@ def test_the_command_names_its_option(run, folder):
     assert not Path("a.h5").exists()
     assert run(*words).code == 0
     assert "norm 6" in run("info", "a.h5").out
+
+
+@pytest.fixture
+def fitted(walker, tmp_path):
+    """Settings for a quick fit."""
+    return replace(walker, fit=FitSettings(regularization=0.1), output=tmp_path / "fitted.h5")
+
+
+def test_the_norm_of_a_fit_is_that_of_least_squares_only_if_asked_for(fitted):
+    even = extract(fitted)
+    assert (even.settings["norm"], even.fit.solve.norm) == (FITTED_NORM, FITTED_NORM)
+    plain = extract(replace(fitted, solve=SolveSettings(norm=2)))
+    assert (plain.settings["norm"], plain.fit.solve.norm) == (2, 2)
+    assert even.metrics.max_deviation.max() < 0.9 * plain.metrics.max_deviation.max()
+    rms = [np.sqrt(np.mean(one.metrics.rms**2)) for one in (even, plain)]
+    assert rms[0] < 1.03 * rms[1]
+
+
+def test_a_cage_that_is_built_has_it_too(walker, tmp_path):
+    frames = {"frames": walker.frames[:4], "cage": None, "output": tmp_path / "built.h5"}
+    assert extract(replace(walker, **frames)).settings["norm"] == FITTED_NORM
+    assert "norm" not in extract(replace(walker, fit=False, **frames)).settings
+
+
+@pytest.mark.parametrize("settings", [FitSettings(rank=3), FitSettings(influences=4)])
+def test_weights_of_few_numbers_have_cages_of_least_squares(fitted, settings):
+    result = extract(replace(fitted, fit=settings))
+    assert "norm" not in result.settings
+    assert result.fit.solve.norm is None
+
+
+def test_outliers_are_not_followed_without_being_asked_for(fitted, monkeypatch):
+    monkeypatch.setattr("cageik_cli.run.fit.has_outlier_vertices", lambda *_: True)
+    assert "norm" not in extract(fitted).settings
+    assert extract(replace(fitted, solve=SIX)).settings["norm"] == 6
+
+
+def test_a_fitted_binding_brings_the_norm_of_its_fit(fitted, tmp_path):
+    expected = extract(fitted)
+    path = tmp_path / "binding.h5"
+    words = {"fit": fitted.fit, "overwrite": True}
+    bound = BindRunSettings(fitted.cage, Path(fitted.frames[0]), path, clips=fitted.frames, **words)
+    assert bind_files(bound).fit.solve.norm == FITTED_NORM
+    through = replace(fitted, fit=None, cage=None, binding=path, rest=Path(fitted.frames[0]))
+    result = extract(through)
+    assert result.settings["norm"] == FITTED_NORM
+    np.testing.assert_allclose(result.metrics.rms, expected.metrics.rms, rtol=0.05, atol=1e-9)
+    robust = extract(replace(through, capture=CaptureSettings(robust=True)))
+    assert "norm" not in robust.settings
+    bind_files(replace(bound, solve=SolveSettings(norm=2)))
+    assert "norm" not in extract(through).settings
+
+
+def test_the_api_chooses_the_same(fitted):
+    expected = extract(fitted)
+    clip = load_clip(list(fitted.frames))
+    binding = bind(clip.first, load_mesh(fitted.cage))
+    animation = extract_arrays(clip, binding, fit=fitted.fit)
+    np.testing.assert_allclose(animation.metrics.rms, expected.metrics.rms, rtol=1e-6, atol=1e-9)
+    found = fit_weights(binding, [clip], fitted.fit)
+    assert found.fit.solve.norm == FITTED_NORM
+    np.testing.assert_array_equal(found.binding.weights, animation.binding.weights)
+    plain = extract_arrays(clip, binding, fit=fitted.fit, norm=2)
+    assert animation.metrics.max_deviation.max() < 0.9 * plain.metrics.max_deviation.max()

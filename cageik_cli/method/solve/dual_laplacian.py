@@ -136,7 +136,7 @@ class DualLaplacianSolver:
         # of data as exact: the error grows with the root of the condition number, twice.
         self._inverse_factor = np.linalg.inv(np.linalg.cholesky(self.normal))
         self._norm: DeviationNorm | None = None
-        if settings.norm > LEAST_SQUARES:
+        if settings.norm is not None and settings.norm > LEAST_SQUARES:
             self._norm = DeviationNorm(
                 settings.norm,
                 normal=self.normal,

@@ -119,8 +119,11 @@ def test_a_binding_is_fitted_with_the_solve_that_is_asked_for(folder, run):
             weights.append(file["weights"][:])
     np.testing.assert_array_equal(weights[0], weights[1])
     assert np.abs(weights[0] - weights[2]).max() > 1e-6
-    assert "\n  fit cages      alpha 0.1, beta 2, not aligned\n" in run("info", "binding.h5").out
-    assert "\n  fit cages      alpha 0.001, beta 1\n" in run("info", "default.h5").out
+    assert (
+        "\n  fit cages      alpha 0.1, beta 2, not aligned, norm 6\n"
+        in run("info", "binding.h5").out
+    )
+    assert "\n  fit cages      alpha 0.001, beta 1, norm 6\n" in run("info", "default.h5").out
 
 
 def test_a_fit_is_reported_when_it_is_bound_and_described(folder, run):

@@ -58,7 +58,7 @@ def test_weights_of_one_would_change_nothing(binding, monkeypatch):
 def test_the_cage_is_the_minimum_of_the_objective(binding, power, monkeypatch):
     """Oracle: a general minimiser, on the objective as it stands in the paper of the module."""
     monkeypatch.setattr(norms, "MOVE_TOL", 1e-9)
-    monkeypatch.setattr(norms, "MAX_ROUNDS", 300)
+    monkeypatch.setattr(norms, "MAX_CAGE_ROUNDS", 300)
     m = len(binding.weights)
     counts = normalize_weights(np.linspace(0.5, 1.5, m), m)
     settings = SolveSettings(alpha=0.01, align=False, norm=power)
@@ -125,7 +125,7 @@ def test_vertices_that_come_above_the_limit_in_the_rounds_are_followed(binding, 
     """All vertices are looked through again: the same cage as where all are followed at once."""
     frames = spiked(binding)
     monkeypatch.setattr(norms, "MOVE_TOL", 1e-9)
-    monkeypatch.setattr(norms, "MAX_ROUNDS", 300)
+    monkeypatch.setattr(norms, "MAX_CAGE_ROUNDS", 300)
     monkeypatch.setattr(norms, "FOLLOWED_RATIO", 0.0)
     every = DualLaplacianSolver(binding, SolveSettings(norm=6)).solve(frames).cages
     monkeypatch.setattr(norms, "FOLLOWED_RATIO", 0.999)
