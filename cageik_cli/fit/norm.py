@@ -16,8 +16,8 @@ converged in practice where the mean over r² bounds what counts.
 The cages of the rounds are those of least squares. Cages in the norm, which the extraction solves,
 would hide from the rows what these can lower better: rows that were fitted to them leave a larger
 deviation, and take three times as long. On clips of a dancer, a horse and a cartoon chicken, cages
-alone make the largest deviation half as large as least squares, rows and cages a quarter to a third.
-The root mean square falls, too: least squares that were stopped after a few rounds are not the best.
+alone make the largest deviation half as large as least squares, rows and cages a quarter to a
+third. The root mean square falls, too, as the rounds of least squares end early.
 """
 
 from dataclasses import replace
