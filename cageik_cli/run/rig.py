@@ -29,7 +29,7 @@ from cageik_cli.method.weights.binding import (
 )
 from cageik_cli.rigs.joints import JointPoses, JointSolver, NormalAngles
 from cageik_cli.rigs.merging import MIN_JOINTS, MIN_JOINTS_PER_LIMB
-from cageik_cli.rigs.skinning import group_joints, limit_influences
+from cageik_cli.rigs.skinning import compare_roughness, group_joints, limit_influences
 from cageik_cli.store.result import Result, StoredAnimation
 from cageik_cli.util.arrays import Floats, spread_evenly
 from cageik_cli.util.errors import FormatError, SettingError, error_context
@@ -44,6 +44,9 @@ Pose = Callable[[JointPoses], JointPoses]
 
 FRAMES_PER_RIG_BLOCK = 4 * FRAMES_PER_PRODUCT
 """Frames that are posed together; constant, because the last digits depend on it."""
+
+MAX_HELD_BYTES = 1 << 27
+"""Joints that take more are posed again when they are written."""
 
 DEFAULT_INFLUENCES = 4
 """Influences of fewer joints than the cage has vertices, if no number is given."""
@@ -79,6 +82,11 @@ class Rig:
         Whether the target is the input.
     blocks : callable
         Yields all frames in order, which are posed as they are taken.
+    posed : tuple of JointPoses, optional
+        Their joints without the meshes, if they take no more than `MAX_HELD_BYTES`.
+    roughness : float, optional
+        Of the weights over the surface, as a share of that of the largest ones before they were
+        fitted again. None where they were not.
     """
 
     skin: Skin
@@ -89,6 +97,8 @@ class Rig:
     angles: tuple[float, float] | None = None
     total: float | None = None
     is_of_input: bool = False
+    posed: tuple[JointPoses, ...] | None = None
+    roughness: float | None = None
 
     def stream(self, turns: bool) -> tuple[Skin, Iterator[Floats]]:
         """Return the skin, and the places of its joints, (k, n, 3), in blocks of all frames.
@@ -97,8 +107,8 @@ class Rig:
         """
         skin = replace(self.skin, error=self.total)
         if not turns:
-            return skin, (block.cages for block in self.blocks())
-        blocks, others = tee(self.blocks())
+            return skin, (block.cages for block in self.posed or self.blocks())
+        blocks, others = tee(self.posed or self.blocks())
         every = (block.turns for block in others if block.turns is not None)
         skin = replace(skin, turns=chain.from_iterable(every))
         return skin, (block.cages for block in blocks)
@@ -196,6 +206,13 @@ def make_rig(
             rig = replace(rig, total=input_rms + rig.rms)
         progress.note("note", f"{name}: {rig.message}")
         if compares:
+            if rig.roughness is not None:
+                count = rig.skin.weights.joints.shape[1]
+                progress.note(
+                    "weights",
+                    f"{rig.roughness:.2g} times as rough over the surface as the {count} largest "
+                    "of the result",
+                )
             n = len(target.binding.cage.vertices)
             counts = [k for k in COMPARED_INFLUENCES if k <= len(rig.cage.vertices)]
             texts = [
@@ -231,7 +248,7 @@ def _fit_rig(
     if influences is None and binding.has_offsets:
         influences = _count_influences(binding)
     with error_context("few influences, with the alpha and beta of the result"):
-        held, labels, limbs = binding, None, None
+        held, labels, limbs, roughness = binding, None, None, None
         is_grouped = is_shaded and len(binding.cage.vertices) >= 2 * MIN_JOINTS_PER_LIMB
         needs_tree = turns and (is_grouped or isinstance(joints, int))
         if influences is not None or needs_tree:
@@ -247,6 +264,7 @@ def _fit_rig(
                 held = limit_influences(
                     alternator, sample.target, influences, turns=turns, joints=labels
                 )
+                roughness = compare_roughness(alternator, held, influences, labels)
         weights = compute_skin_weights(held.weights)
         solver = DualLaplacianSolver(_bind_skin(held, weights), solve)
         poser = JointSolver(solver) if turns else None
@@ -258,7 +276,8 @@ def _fit_rig(
             return JointPoses(found.cages, found.rotations, found.reconstructions)
 
         rig = _measure_rig(target, held.cage, weights, pose, is_shaded=turns and is_shaded)
-        return replace(rig, skin=replace(rig.skin, cage_joints=labels, limbs=limbs))
+        skin = replace(rig.skin, cage_joints=labels, limbs=limbs)
+        return replace(rig, skin=skin, roughness=roughness)
 
 
 def keeps_weights(binding: Binding, influences: int | None, joints: str | int) -> bool:
@@ -381,12 +400,16 @@ def _measure_rig(
     """Pose all frames, and measure how far they and their normals are from the target."""
     rest = target.binding.rest
     rotations = []
+    joints: list[JointPoses] | None = []
     squares = largest = 0.0
     dense = weights.to_dense(len(cage.vertices))
     normals = NormalAngles(rest, dense) if is_shaded else None
     for block in target.blocks(FRAMES_PER_RIG_BLOCK):
         posed = pose(block)
         rotations.append(posed.rotations)
+        if joints is not None:
+            joints.append(replace(posed, meshes=np.empty((0, 0, 3))))
+            joints = joints if _count_bytes(joints) <= MAX_HELD_BYTES else None
         distances = np.square(posed.meshes - block.meshes)[:, rest.used_vertices].sum(axis=2)
         squares += float(distances.sum())
         largest = max(largest, float(distances.max()))
@@ -402,4 +425,10 @@ def _measure_rig(
         angles=None if normals is None else normals.summarize(),
         is_of_input=isinstance(target, InputFrames),
         blocks=lambda: map(pose, target.blocks(FRAMES_PER_RIG_BLOCK)),
+        posed=None if joints is None else tuple(joints),
     )
+
+
+def _count_bytes(joints: list[JointPoses]) -> int:
+    """Return the bytes of the places and the turns of joints."""
+    return sum(one.cages.nbytes + (0 if one.turns is None else one.turns.nbytes) for one in joints)

@@ -7,15 +7,17 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from cageik_cli.fit.alternate import CageSolve, Influences
+from cageik_cli.fit.alternate import Alternator, CageSolve, Influences
 from cageik_cli.fit.problem import Displacements, SurfaceLaplacian, WeightProblem, complement_basis
 from cageik_cli.geometry.shape import compute_vertex_normals
 from cageik_cli.method.solve.dual_laplacian import DualLaplacianSolver
 from cageik_cli.method.solve.settings import SolveSettings
 from cageik_cli.rigs import skinning
 from cageik_cli.rigs.joints import NORMAL_LENGTH, SWEEPS, JointSolver
+from cageik_cli.rigs.merging import merge_joints
 from cageik_cli.rigs.skinning import (
     SkinSystem,
+    compare_roughness,
     find_normals,
     fit_turning,
     keep_cheapest,
@@ -170,6 +172,21 @@ def test_fitted_weights_are_convex_few_and_nearer():
     np.testing.assert_allclose(found.sum(axis=1), 1, rtol=0, atol=1e-12)
     assert ((found > 0).sum(axis=1) <= 3).all()
     assert measure(found, FRAMES) < 0.6 * measure(FEW.to_dense(18), FRAMES)
+
+
+def test_roughness_is_that_of_the_largest_weights_before():
+    cage_solve = CageSolve(BALL, SolveSettings(), None)
+    alternator = Alternator(pose(), cage_solve, 1)
+    laplacian = SurfaceLaplacian(BALL.rest)
+    skin = replace(BALL, weights=fit(displacements()))
+    expected = laplacian.measure(skin.weights) / laplacian.measure(FEW.to_dense(18))
+    assert compare_roughness(alternator, skin, 3) == pytest.approx(expected, rel=1e-12)
+    joints = np.arange(18) % 4
+    merged = merge_joints(BALL, joints)
+    kept = replace(merged, weights=Influences.from_dense(merged.weights, 2).to_dense(4))
+    assert compare_roughness(alternator, kept, 2, joints) == pytest.approx(1, rel=1e-9)
+    alone = np.zeros(18, int)
+    assert compare_roughness(alternator, merge_joints(BALL, joints), 1, alone) is None
 
 
 def make_skin(seed: int = 3) -> tuple[np.ndarray, np.ndarray]:

@@ -247,6 +247,8 @@ def test_deform_compares_influences_when_it_is_to_say_more(run, folder):
     outcome = run("deform", "cages.h5", "-o", "m.npz", "--influences", 3, "-v")
     (line,) = [line for line in outcome.err.splitlines() if line.startswith("  influences")]
     assert f"4: {rig(4).rms:.2g}, {rig(4).largest:.2g} %; 8: " in line
+    (line,) = [line for line in outcome.err.splitlines() if line.startswith("  weights")]
+    assert f"{rig(3).roughness:.2g} times as rough over the surface as the 3 largest of" in line
     outcome = run("deform", "cages.h5", "-o", "m.pc2", "-v")
     assert "influences" not in outcome.err
 
@@ -322,9 +324,10 @@ def test_a_skeleton_of_any_format_moves_as_the_rig(run, folder, suffix):
 
 
 def test_joints_are_posed_as_they_are_written(run, folder, monkeypatch):
-    """Only those of one block of frames are held."""
+    """Only those of one block of frames are held, where all would take too much."""
     assert run(*EXTRACT).code == 0
     monkeypatch.setattr(rigs, "FRAMES_PER_RIG_BLOCK", 2)
+    monkeypatch.setattr(rigs, "MAX_HELD_BYTES", 0)
     made, counts = rig(3), []
 
     def blocks():
@@ -340,6 +343,20 @@ def test_joints_are_posed_as_they_are_written(run, folder, monkeypatch):
         for turned in expected.turns:
             np.testing.assert_array_equal(next(turns), turned)
     assert counts == [2, 2, 1]
+
+
+@pytest.mark.parametrize("joints", ["turn", "translate"])
+def test_joints_that_take_little_are_posed_once(run, folder, monkeypatch, joints):
+    assert run(*EXTRACT).code == 0
+    monkeypatch.setattr(rigs, "FRAMES_PER_RIG_BLOCK", 2)
+    made = rig(3, joints)
+    skin, places = replace(made, blocks=None).stream(turns=joints == "turn")
+    blocks = list(made.blocks())
+    for block, found in zip(blocks, places, strict=True):
+        np.testing.assert_array_equal(found, block.cages)
+    if joints == "turn":
+        expected = np.concatenate([block.turns for block in blocks])
+        np.testing.assert_array_equal(np.stack(list(skin.turns)), expected)
 
 
 def test_rigs_that_are_compared_are_held_one_at_a_time(run, folder, monkeypatch):
