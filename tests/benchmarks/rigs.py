@@ -3,7 +3,8 @@
     python -m tests.benchmarks.rigs DATA [CLIP ...]
 
 DATA has a folder per clip, with the packed clip (`CLIP.h5` with `verts`, `tris` and `rest`) and
-cages (`cage_60.obj`, `cage_120.obj`). One line per skin, against the frames of the clip:
+cages (`cage_60.obj`, `cage_120.obj`); the clip `walker` is that of the fixtures, in its cage of 80.
+One line per skin, against the frames of the clip:
 
 - joints of each cage, that turn and that only translate, with weights fitted to every second tenth
   of the frames: errors of those, and of the others, which are held out;
@@ -38,7 +39,7 @@ from cageik_cli.formats.base.sequence import ArraySequence
 from cageik_cli.formats.base.skeleton import Skin, compute_skin_weights
 from cageik_cli.formats.base.writers import Animation
 from cageik_cli.formats.gltf.skeleton import SkeletonWriter
-from cageik_cli.formats.open import load_mesh
+from cageik_cli.formats.open import load_mesh, open_sequence
 from cageik_cli.formats.settings import Scene
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.method.solve.alignment import best_motions
@@ -48,7 +49,8 @@ from cageik_cli.rigs.joints import JointPoses, JointSolver, NormalAngles
 from cageik_cli.rigs.skinning import group_joints, limit_influences
 from cageik_cli.util.threads import limit_blas_threads
 
-CLIPS = ("samba", "horse-gallop", "chickenCrossing")
+CLIPS = ("samba", "horse-gallop", "chickenCrossing", "walker")
+WALKER = Path(__file__).parents[2] / "data_fixtures" / "walker"
 COUNTS = (60, 120)
 INFLUENCES = (4, 8)
 FEWER = (20, 24, 40)
@@ -70,18 +72,26 @@ def main(data, *clips):
     print(f"| {TITLES.replace('|', ' | ')} |\n|{'---|' * len(TITLES.split('|'))}", flush=True)
     with limit_blas_threads(1):
         for name in clips or CLIPS:
-            with h5py.File(Path(data) / name / f"{name}.h5") as file:
-                rest = TriMesh(file["rest"][:].astype(float), file["tris"][:])
-                frames = file["verts"][:].astype(float)
-            cages = {n: load_mesh(Path(data) / name / f"cage_{n}.obj").mesh for n in COUNTS}
+            rest, frames, cages = load(Path(data) / name)
             is_held = np.arange(len(frames)) * TENTHS // len(frames) % 2 == 1
-            for cage in cages.values():
+            for cage in cages:
                 measure_cage(name, Model(rest, cage, frames[~is_held]), frames, is_held)
-            every = Model(rest, cages[max(COUNTS)], frames)
+            every = Model(rest, cages[-1], frames)
             for count in FEWER:
                 measure_fewer(name, every, count)
             if importlib.util.find_spec("py_dem_bones") is not None:
                 measure_fewer(name, every, measure_bones(name, every.binding, frames))
+
+
+def load(folder):
+    """The rest pose, the frames and the cages of a clip."""
+    if folder.name == WALKER.name:
+        clip = open_sequence([str(WALKER / "frames")])
+        return clip.first, np.stack(list(clip)), [load_mesh(WALKER / "cage.obj").mesh]
+    with h5py.File(folder / f"{folder.name}.h5") as file:
+        rest = TriMesh(file["rest"][:].astype(float), file["tris"][:])
+        frames = file["verts"][:].astype(float)
+    return rest, frames, [load_mesh(folder / f"cage_{n}.obj").mesh for n in COUNTS]
 
 
 class Model:
@@ -97,7 +107,7 @@ class Model:
         self.seconds = process_time() - start
 
     def fit_skin(self, influences, *, turns, count=None):
-        """A binding of few influences, and the part of the body of each joint."""
+        """A binding of few influences, and the limb of each joint."""
         fitter = Fitter(self.binding, FitSettings(influences=influences))
         sample = fitter.sample([self.clip])
         tree = group_joints(fitter.cage_solve, sample.target) if turns else None
@@ -106,7 +116,7 @@ class Model:
         limited = limit_influences(
             alternator, sample.target, influences, turns=turns, joints=joints
         )
-        return limited, tree.group_parts(joints) if turns else None
+        return limited, tree.group_limbs(joints) if turns else None
 
 
 def measure_cage(name, model, frames, is_held):
@@ -114,23 +124,23 @@ def measure_cage(name, model, frames, is_held):
     for influences in INFLUENCES:
         for turns in (True, False):
             start = process_time()
-            binding, parts = model.fit_skin(influences, turns=turns)
+            binding, limbs = model.fit_skin(influences, turns=turns)
             poses = pose_joints(binding, frames, turns=turns)
             seconds = f"{model.seconds:.1f} + {process_time() - start:.1f}"
             sides = [measure(binding, poses, frames, side) for side in (~is_held, is_held)]
             skin = f"{len(binding.cage.vertices)} joints {'turn' if turns else 'translate'}"
-            size = count_bytes(binding, poses, parts, turns=turns)
+            size = count_bytes(binding, poses, limbs, turns=turns)
             print_line(name, skin, influences, *sides, size, seconds)
 
 
 def measure_fewer(name, model, count):
     """Print the line of joints into which those of a cage are merged."""
     start = process_time()
-    binding, parts = model.fit_skin(FEW, turns=True, count=count)
+    binding, limbs = model.fit_skin(FEW, turns=True, count=count)
     poses = pose_joints(binding, model.frames, turns=True)
     seconds = f"{model.seconds:.1f} + {process_time() - start:.1f}"
     every = measure(binding, poses, model.frames)
-    size = count_bytes(binding, poses, parts, turns=True)
+    size = count_bytes(binding, poses, limbs, turns=True)
     print_line(name, f"{count} joints turn", FEW, every, None, size, seconds)
 
 
@@ -200,11 +210,11 @@ def measure(binding, poses, frames, chosen=slice(None)):
     return np.sqrt(np.square(percent).mean()), percent.max(), angles.summarize()[0]
 
 
-def count_bytes(binding, poses, parts, *, turns):
+def count_bytes(binding, poses, limbs, *, turns):
     """The size of the clip as .glb, in bytes."""
     weights = compute_skin_weights(binding.weights)
     joints = poses.turns if turns else None
-    skin = Skin(binding.rest, weights, poses.rotations, joints, parts=parts)
+    skin = Skin(binding.rest, weights, poses.rotations, joints, limbs=limbs)
     animation = Animation(binding.cage, len(poses.cages), Scene(), "clip")
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "clip.glb"
