@@ -117,15 +117,34 @@ def find_input(result: Result, reconstruction: Reconstruction, jobs: int = 1) ->
 
 
 def _list_candidates(result: Result) -> Iterator[list[str]]:
-    """Yield what may name the input: a file, or a file of each frame."""
+    """Yield what may name the input: a file, or a file of each frame.
+
+    A name that leads elsewhere, as a result from a stranger may have, is left alone.
+    """
     name, _, member = str(result.sources.get("frames", {}).get("name", "")).partition("::")
     suffix = f"::{member}" if member else ""
     for folder in dict.fromkeys([result.path.parent, Path()]):
-        if name and (folder / name).is_file():
+        if _is_in(folder, name):
             yield [f"{folder / name}{suffix}"]
-        for inside in (folder, *sorted(path for path in folder.iterdir() if path.is_dir())):
-            if (inside / result.frames[0]).is_file():
+        for inside in (folder, *_list_folders(folder)):
+            if all(_is_in(inside, frame) for frame in result.frames):
                 yield [f"{inside / frame}{suffix}" for frame in result.frames]
+
+
+def _list_folders(folder: Path) -> list[Path]:
+    """List the folders in a folder; none in one that may not be listed."""
+    try:
+        return sorted(path for path in folder.iterdir() if path.is_dir())
+    except OSError:
+        return []
+
+
+def _is_in(folder: Path, name: str) -> bool:
+    """Return whether a folder itself has a file of this name; not if it may not be entered."""
+    try:
+        return Path(name).name == name and (folder / name).is_file()
+    except OSError:
+        return False
 
 
 def _is_as_far(result: Result, reconstruction: Reconstruction, found: InputFrames) -> bool:

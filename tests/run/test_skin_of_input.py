@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from cageik_cli.formats.open import open_sequence
+from cageik_cli.inputs import input_frames
 from cageik_cli.inputs.caged_model import CagedModel
 from cageik_cli.inputs.input_frames import find_input
 from cageik_cli.store.result import read_result
@@ -94,6 +95,35 @@ def test_a_damaged_file_of_the_name_is_not_the_input(run, folder, animation):
     assert find() is None
     Path("clip.npz").unlink()
     assert find() is None
+
+
+@pytest.mark.parametrize("is_absolute", [False, True])
+def test_names_that_lead_out_of_the_folder_are_not_followed(
+    run, folder, animation, monkeypatch, is_absolute
+):
+    write_npz(animation)
+    assert run("extract", "clip.npz", *EXTRACT[2:]).code == 0
+    result = read_result(Path("cages.h5"))
+    target = CagedModel.of_file(result.path, result).read_reconstruction("a skeleton")
+    name = str(Path("clip.npz").resolve()) if is_absolute else f"../{folder.name}/clip.npz"
+    sources = result.sources | {"frames": result.sources["frames"] | {"name": name}}
+    opened = []
+    monkeypatch.setattr(input_frames, "open_sequence", lambda *given: opened.append(given))
+    assert find_input(replace(result, sources=sources, frames=(name,) * 5), target) is None
+    assert not opened
+
+
+@pytest.mark.parametrize("refused", ["is_file", "iterdir"])
+def test_folders_that_may_not_be_read_have_no_input(run, folder, monkeypatch, refused):
+    assert run(*EXTRACT).code == 0
+    result = read_result(Path("cages.h5"))
+    target = CagedModel.of_file(result.path, result).read_reconstruction("a skeleton")
+
+    def refuse(path):
+        raise PermissionError(path)
+
+    monkeypatch.setattr(Path, refused, refuse)
+    assert find_input(result, target) is None
 
 
 def test_frames_that_were_chosen_are_those_that_are_followed(run, folder, animation):
