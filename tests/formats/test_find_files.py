@@ -336,3 +336,24 @@ def test_files_that_are_named_are_all_frames_but_a_note_says_what_they_are(place
     notes = [note for note in texts(clip.notes) if "named" in note]
     assert [note.startswith(expected) for note in notes] == ([True] if says else [])
     assert (clip.scene.start == 1) == (not beside)
+
+
+def test_uneven_time_stamps_are_frames_one_after_another(place):
+    """A camera that waits; over a full minute."""
+    stems = [f"cap_2024-01-05_12-{k}" for k in ("59-10", "59-11", "59-14", "59-59", "00-02")]
+    stems[-1] = "cap_2024-01-05_13-00-02"
+    place(**{f"clip__{stem}": box() for stem in stems})
+    clip = open_sequence(["clip"])
+    assert [name.removesuffix(".obj") for name in clip.names] == stems
+    assert clip.scene.start is None
+    (note,) = [note for note in texts(clip.notes) if "time stamps" in note]
+    assert note == (
+        "the time stamps are not evenly spaced (2 places, the first at "
+        "cap_2024-01-05_12-59-11.obj): each is used as one frame; `allow_gaps=True` keeps them in "
+        "time"
+    )
+    kept = open_sequence(["clip"], ClipSettings(gaps="keep"))
+    assert (len(kept), len(kept.missing)) == (53, 48)
+    far = [f"cap_2024-01-{day}_00-00-0{k}" for day in ("05", "09") for k in (0, 1)]
+    place(**{f"far__{stem}": box() for stem in far})
+    assert len(open_sequence(["far"], ClipSettings(gaps="keep"))) == 4

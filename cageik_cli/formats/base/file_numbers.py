@@ -13,7 +13,7 @@ from cageik_cli.formats.base.files import file_stem
 from cageik_cli.formats.base.numbered_names import NumberedFiles, split_series
 from cageik_cli.formats.settings import Gaps, SceneHints
 from cageik_cli.util.errors import FileAccessError, SettingError, join_truncated
-from cageik_cli.util.messages import say
+from cageik_cli.util.messages import Said, say
 from cageik_cli.util.text import format_count
 
 MAX_FRAME_NUMBER = 1 << 24
@@ -48,7 +48,7 @@ class FileSeries:
         The number of the first frame and the step, if the files are numbered in one way.
     missing : dict
         By number of the frame, from 0, why it has no file.
-    notes : tuple of str
+    notes : tuple of str or Text
         What differs from the numbers of the files, one sentence each.
 
     Raises
@@ -61,7 +61,7 @@ class FileSeries:
     def __init__(self, paths: tuple[Path, ...], gaps: Gaps) -> None:
         self.paths, self.scene = paths, SceneHints()
         self.missing: dict[int, str] = {}
-        self.notes: tuple[str, ...] = ()
+        self.notes: tuple[Said, ...] = ()
         is_separated = _has_separating_dash(paths)
         if gaps != "close":
             _check_whole_numbers(paths, is_separated)
@@ -89,6 +89,15 @@ class FileSeries:
         counts = Counter(step for step in steps if step > 0)
         usual = min(counts, key=lambda step: (-counts[step], step), default=1)
         odd = [k for k, step in enumerate(steps) if step != usual]
+        if odd and series.stamps is not None and gaps != "close":
+            lost = sum(steps) // gcd(*steps) - len(steps)
+            if gaps == "refuse" or lost > MAX_MISSING_FRAMES:
+                self.notes += (
+                    f"the time stamps are not evenly spaced ({format_count(len(odd), 'place')}, "
+                    f"the first at {paths[odd[0] + 1].name}): each is used as one frame; "
+                    + say("`allow_gaps=True` keeps them in time"),
+                )
+                return
         if odd and gaps == "refuse":
             self._refuse(odd, steps, usual)
         if odd and gaps == "keep":
