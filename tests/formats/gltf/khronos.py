@@ -23,22 +23,17 @@ class KhronosValidator:
     """Says what is wrong with files, one after another; `is_there` where it can."""
 
     def __init__(self):
-        node, module = shutil.which("node"), FOLDER / "node_modules" / "gltf-validator"
-        self.is_there = node is not None and module.is_dir()
+        self._node = shutil.which("node")
+        self.is_there = bool(self._node) and (FOLDER / "node_modules/gltf-validator").is_dir()
         self._process = None
-        if self.is_there:
-            self._process = subprocess.Popen(
-                [node, "-e", SCRIPT],
-                cwd=FOLDER,
-                stdin=subprocess.PIPE,
-                stdout=subprocess.PIPE,
-                text=True,
-            )
 
     def find_faults(self, path):
         """Return the errors in a `.glb` file; none where the validator is not installed."""
-        if self._process is None:
+        if not self.is_there:
             return []
+        if self._process is None:
+            pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
+            self._process = subprocess.Popen([self._node, "-e", SCRIPT], cwd=FOLDER, **pipes)
         self._process.stdin.write(f"{path.resolve()}\n")
         self._process.stdin.flush()
         return json.loads(self._process.stdout.readline())
