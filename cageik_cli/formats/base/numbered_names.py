@@ -8,7 +8,7 @@ stamp; or a decimal fraction. If none does, they are several series, such as tak
 import glob
 import re
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime, timedelta
 from fnmatch import fnmatchcase
@@ -25,6 +25,15 @@ minutes and seconds only where something is between them."""
 
 DATE_DIGITS = 14
 """A time stamp of so many digits, which has a date, is one also where frames are not even."""
+
+OTHER_WORDS = (
+    *("v", "ver", "version", "rev", "lod", "cam", "camera", "take", "shot", "sh", "sc", "scene"),
+    *("seq", "part", "mesh", "mat", "id", "copy"),
+)
+"""What a number is of that is none of frames, by the letters before it."""
+
+MIN_TAKE_FRAMES = 3
+"""Frames of a take, as a mean, at least; a number that has fewer is of versions."""
 
 MIN_EVEN_SHARE = 0.5
 """A number beside others runs if so many of its steps, at least, are the usual one."""
@@ -134,22 +143,41 @@ def group_series(paths: Sequence[Path]) -> list[NumberedFiles]:
         if len(texts) > 1:
             groups.setdefault((texts, path.name[len(stem) :].lower()), []).append(path)
     found = [series for group in groups.values() for series in split_series(group)]
-    owners = {
-        k: next((n for n, other in enumerate(found) if n != k and _is_of(series, other)), k)
-        for k, series in enumerate(found)
-    }
+    names = {one.name_around("\0"): k for k, one in enumerate(found) if len(one.running) == 1}
+    joined: dict[int, tuple[Path, ...]] = {}
     kept = []
     for k, series in enumerate(found):
-        own = [found[n].paths for n, owner in owners.items() if owner == k != n]
-        if owners[k] == k:
-            kept.append(replace(series, paths=sum(own, series.paths)))
-    return [one for one in kept if not any(_is_beside(one, other) for other in kept)]
+        wholes = (names[name] for name in _list_whole_names(series.paths[0]) if name in names)
+        owner = next((n for n in wholes if n != k and _is_of(series, found[n])), k)
+        if owner == k:
+            kept.append(k)
+        else:
+            joined[owner] = joined.get(owner, ()) + series.paths
+    whole = [replace(found[k], paths=found[k].paths + joined.get(k, ())) for k in kept]
+    frames = {
+        file_stem(path): n
+        for n, one in enumerate(whole)
+        if len(one.paths) > 1
+        for path in one.paths
+    }
+    return [one for n, one in enumerate(whole) if not _is_beside(one, n, frames)]
+
+
+def _list_whole_names(path: Path) -> Iterator[str]:
+    """Yield what `name_around` may return for a name without the sign or fraction of a number."""
+    stem = file_stem(path)
+    for number in re.finditer(r"\d+", stem):
+        before, behind = stem[: number.start()], stem[number.end() :]
+        befores = [before]
+        if re.fullmatch(r"(.*[._ ])?-", before):
+            befores.append(before[:-1])
+        parted = re.match(r"\.\d+", behind)
+        afters = [behind, behind[parted.end() :]] if parted else [behind]
+        yield from (f"{first}\0{last}" for first in befores for last in afters)
 
 
 def _is_of(series: NumberedFiles, other: NumberedFiles) -> bool:
     """Return whether names are those of another series, but for signs and fractions."""
-    if len(other.running) > 1:
-        return False
     before, _, after = other.name_around("\0").partition("\0")
     sign = "-?" if re.fullmatch(r"(.*[._ ])?", before) else ""
     name = rf"({re.escape(before)}({sign})\d+)((?:\.\d+)?){re.escape(after)}"
@@ -163,20 +191,25 @@ def _is_of(series: NumberedFiles, other: NumberedFiles) -> bool:
     return is_signed or len(series.paths) == 1 or len(whole) > 1 or whole <= stems
 
 
-def _is_beside(series: NumberedFiles, other: NumberedFiles) -> bool:
-    """Return whether files have the names of some frames of another series, and more text."""
-    if len(other.paths) < 2 or series is other:
-        return False
-    stems = {file_stem(path) for path in other.paths}
-    found = set()
-    for path in series.paths:
+def _is_beside(series: NumberedFiles, number: int, frames: Mapping[str, int]) -> bool:
+    """Return whether files have the names of some frames of another series, and more text.
+
+    `number` is that of the series, and `frames` have those of all stems.
+    """
+    found: dict[int, set[str]] = {}
+    for k, path in enumerate(series.paths):
         stem = file_stem(path)
-        cuts = [k for k in range(1, len(stem)) if not (stem[k - 1] + stem[k]).isdigit()]
-        own = {part for k in cuts for part in (stem[:k], stem[k:]) if part in stems}
-        if not own:
+        cuts = [at for at in range(1, len(stem)) if not (stem[at - 1] + stem[at]).isdigit()]
+        parts = {part for at in cuts for part in (stem[:at], stem[at:]) if part in frames}
+        own: dict[int, set[str]] = {}
+        for part in parts:
+            if frames[part] != number:
+                own.setdefault(frames[part], set()).add(part)
+        found = {n: found.get(n, set()) | own[n] for n in own if k == 0 or n in found}
+        if not found:
             return False
-        found |= own
-    return len(found) < len(stems)
+    counts = Counter(frames.values())
+    return any(len(stems) < counts[n] for n, stems in found.items())
 
 
 def split_series(paths: Sequence[Path]) -> list[NumberedFiles]:
@@ -204,10 +237,28 @@ def split_series(paths: Sequence[Path]) -> list[NumberedFiles]:
     running = _find_running(whole, units, fractions)
     if running is not None:
         return [running]
-    # Takes: the number runs with which the names are of the fewest, and the last of equal ones.
-    split = [_group_by(whole, [k for k in varying if k not in unit]) for unit in units]
-    fewest = min(reversed(range(len(units))), key=lambda k: len(split[k]))
-    return [series for group in split[fewest] for series in split_series(group)]
+    groups = _split_takes(whole, units, varying)
+    return [series for group in groups for series in split_series(group)]
+
+
+def _split_takes(
+    whole: NumberedFiles, units: Sequence[range], varying: Sequence[int]
+) -> list[list[Path]]:
+    """Group files by all numbers but one, which is that of frames: the last as a rule.
+
+    A number behind a word such as `take` or `v` is none of frames if there is another. Neither is
+    one that has so few in each group that they are versions, where another has more.
+    """
+    words = [re.search(r"[A-Za-z]*$", whole.texts[unit[0]]) for unit in units]
+    framing = [
+        unit
+        for unit, word in zip(units, words, strict=True)
+        if word is None or word[0].lower() not in OTHER_WORDS
+    ]
+    tried = list(reversed(framing or units))
+    split = [_group_by(whole, [k for k in varying if k not in unit]) for unit in tried]
+    long_enough = len(whole.paths) / MIN_TAKE_FRAMES
+    return next((groups for groups in split if len(groups) <= long_enough), split[0])
 
 
 def _group_by(whole: NumberedFiles, columns: Sequence[int]) -> list[list[Path]]:

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from cageik_cli.formats.base import numbered_names
 from cageik_cli.formats.base.numbered_names import group_series, split_series
 
 
@@ -141,6 +142,22 @@ SEVERAL = {
         [f"walk_{k:03}_v{v}" for k in range(1, 6) for v in (1, 2)],
         ["walk_*_v1", "walk_*_v2"],
     ),
+    "more takes than frames": (
+        [f"walk{take}_{k}" for take in range(1, 8) for k in range(3)],
+        [f"walk{take}_*" for take in range(1, 8)],
+    ),
+    "takes of two frames": (
+        [f"take{take}_{k}" for take in range(1, 8) for k in range(2)],
+        [f"take{take}_*" for take in range(1, 8)],
+    ),
+    "several cameras": (
+        [f"f{k}_cam{cam}" for k in range(4) for cam in range(1, 6)],
+        [f"f*_cam{cam}" for cam in range(1, 6)],
+    ),
+    "a few of each frame": (
+        [f"f{k:03}_{side}" for k in range(9) for side in (1, 2)],
+        ["f*_1", "f*_2"],
+    ),
     "frames below points": (
         [f"walk.{take}.{k:04}" for take in (1, 2) for k in range(1, 6)],
         ["walk.1.*", "walk.2.*"],
@@ -167,6 +184,23 @@ BESIDE = {
     "models of less detail of some": ["walk_0001_lod1", "walk_0003_lod1", "walk_0005_lod1"],
     "others": ["rest", "cage_80", "walk"],
 }
+
+
+def test_thousands_of_names_that_are_no_series_are_looked_at_once():
+    """Each pair of them would take minutes."""
+    generator = random.Random(1)
+    names = {f"{generator.getrandbits(96):x}" for _ in range(5000)}
+    calls = 0
+
+    def count_call(*_):
+        nonlocal calls
+        calls += 1
+        return False
+
+    with pytest.MonkeyPatch.context() as monkeypatch:
+        monkeypatch.setattr(numbered_names, "_is_of", count_call)
+        assert len(group_series(name(*names))) > 4900
+    assert calls < 5000
 
 
 @pytest.mark.parametrize("stems", BESIDE.values(), ids=BESIDE)
