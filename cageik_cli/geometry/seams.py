@@ -15,6 +15,10 @@ from cageik_cli.util.text import format_count
 REST_SEAM_TOL = 1e-7
 """Vertices this near at rest may be one, in diagonals: they are equal but for rounding."""
 
+MAX_NEAR_PAIRS = 10
+"""Pairs of places that may be one by rounding, per place; where there are more, points are denser
+than the tolerance, and only equal ones are one."""
+
 FRAME_SEAM_TOL = 1e-6
 """Vertices farther apart in a frame are not one, in diagonals at rest: single precision is finer
 unless a clip is far from the origin."""
@@ -47,13 +51,18 @@ class Seams:
         from scipy.spatial import cKDTree
 
         m, diagonal = len(mesh.vertices), mesh.diagonal
-        pairs = cKDTree(mesh.vertices).query_pairs(REST_SEAM_TOL * diagonal, output_type="ndarray")
-        if not len(pairs):
-            return None
-        ones = np.ones(len(pairs), bool)
-        graph = sparse.coo_array((ones, (pairs[:, 0], pairs[:, 1])), shape=(m, m))
-        _, labels = sparse.csgraph.connected_components(graph, directed=False)
+        # Equal ones first: a thousand that are collapsed to a point make a million pairs.
+        points, labels = np.unique(mesh.vertices, axis=0, return_inverse=True)
+        labels = labels.reshape(-1)
+        tree, near = cKDTree(points), REST_SEAM_TOL * diagonal
+        if len(points) < tree.count_neighbors(tree, near) <= MAX_NEAR_PAIRS * len(points):
+            pairs = tree.query_pairs(near, output_type="ndarray")
+            links = np.ones(len(pairs), bool), (pairs[:, 0], pairs[:, 1])
+            graph = sparse.coo_array(links, shape=(len(points), len(points)))
+            labels = sparse.csgraph.connected_components(graph, directed=False)[1][labels]
         owners = _find_firsts(labels)
+        if (owners == np.arange(m)).all():
+            return None
         for frame in frames:
             owners = _split_apart(owners, frame, FRAME_SEAM_TOL * diagonal)
             if (owners == np.arange(m)).all():

@@ -90,6 +90,22 @@ def test_triangles_between_copies_are_left_out():
     assert len(welded.faces) == len(split.faces)
 
 
+def test_many_vertices_at_one_point_make_no_pairs():
+    """As parts that are hidden by collapsing them: pairs of them would fill memory."""
+    points = np.zeros((200_000, 3))
+    points[:3] = np.eye(3)
+    mesh = TriMesh(points, np.array([[0, 1, 2], [3, 4, 5]]))
+    seams = Seams.find(mesh, [points])
+    assert len(seams.firsts) == 4
+    assert len(seams.weld().faces) == 1
+
+
+def test_points_that_are_denser_than_the_tolerance_are_apart_unless_equal():
+    cloud = np.random.default_rng(4).uniform(-1e-8, 1e-8, (500, 3))
+    mesh = TriMesh(np.vstack([np.eye(3), cloud, cloud[:1]]), np.array([[0, 1, 2]]))
+    assert len(Seams.find(mesh, []).firsts) == 503
+
+
 @pytest.mark.parametrize("scale", [1e-6, 1.0, 1e6])
 def test_weights_of_vertices_add_up(scale):
     split, corners = split_corners(octahedron())
