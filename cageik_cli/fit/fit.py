@@ -195,7 +195,7 @@ class Fitter:
     ) -> Alternator:
         """Make what fits to a sample with a given strength, in the threads there is room for.
 
-        It also fits weights for joints, see `rigs.joints`. So many fits `share` the threads.
+        It also fits weights for joints, see `rigs.skinning`. So many fits `share` the threads.
         """
         m, n = self._binding.weights.shape
         left = self._find_memory_left(sample)
