@@ -101,10 +101,14 @@ class CageSolve:
         )
 
     def compare(self, weights: Floats, target: Displacements) -> Comparison:
-        """Measure `weights`, (m, n), and those before the fit."""
+        """Measure `weights`, (m, n), and those before the fit, with cages of least squares.
+
+        That is what they give by default without a fit.
+        """
+        plain = replace(self, settings=replace(self.settings, norm=None))
         return Comparison(
             fitted=self.measure(weights, target),
-            unfitted=self.measure(self.binding.weights, target),
+            unfitted=plain.measure(self.binding.weights, target),
             frames=len(target),
         )
 

@@ -139,7 +139,7 @@ class Fitter:
                 fitted, low_rank = self.fit_sample(sample, ladder[0].strength)
             else:
                 ladder, limit, tried, held_out = self._climb(sample, ladder, meter)
-                fitted, low_rank = self._follow(sample, ladder)
+                fitted, low_rank = self._follow(sample, ladder, meter)
             strength = ladder[-1].strength
             measured = self.cage_solve.compare(fitted.weights, sample.target)
             own_roughness = self._problem.surface.measure(self._binding.weights)
@@ -275,7 +275,8 @@ class Fitter:
             return blocks, third[0] if third else None
 
         def measure_edits() -> EditRoughness:
-            return meter.measure(trials[0].change)
+            found = [meter.measure(trial.change) for trial in trials]
+            return max(found, key=lambda one: one.largest)
 
         count, limit, tried = climb(ladder, advance, measure_edits, self._settings.use)
         if count < len(tried):
@@ -296,7 +297,9 @@ class Fitter:
         fitted, _ = alternator.fit(trial.seen, self._settings, trial.change)
         return self.cage_solve.compare(fitted.weights, trial.held_out)
 
-    def _follow(self, sample: Sample, ladder: Sequence[Rung]) -> tuple[Binding, Correction | None]:
+    def _follow(
+        self, sample: Sample, ladder: Sequence[Rung], meter: EditMeter
+    ) -> tuple[Binding, Correction | None]:
         """Fit the weights to a sample at each strength of a ladder, as its trials were."""
         target, change = sample.target.compress(self._problem.vertex_weights), None
         for rung in ladder:
@@ -306,7 +309,11 @@ class Fitter:
         if change is None or self._norm is None:
             return alternator.fit(target, self._settings, change)
         del target  # it takes as much memory as lowering deviations does
-        return self._fit_in_norm(alternator, sample, change, self._norm)
+        evened, low_rank = self._fit_in_norm(alternator, sample, change, self._norm)
+        if self._settings.use == "edit":
+            weights = alternator.problem.add_change(change)
+            evened = replace(evened, weights=meter.blend(weights, evened.weights))
+        return evened, low_rank
 
     @property
     def _norm(self) -> float | None:

@@ -371,12 +371,16 @@ class Extraction:
                 composer.write(result, self.sources, self.filled, self._make_baseline_solver())
 
     def _make_baseline_solver(self) -> DualLaplacianSolver | None:
-        """Return the solver with the weights before the fit, if the result compares them."""
+        """Return the solver with the weights before the fit, if the result compares them.
+
+        It is that of least squares, the default for weights that are not fitted.
+        """
         assert self.stored is not None
         before, settings = self.stored.unfitted, self.settings
         if before is None or not settings.keep_weights or self.weighs_frames:
             return None
-        return DualLaplacianSolver(before, settings.solve, self.vertex_weights.vertices)
+        plain = replace(settings.solve, norm=None)
+        return DualLaplacianSolver(before, plain, self.vertex_weights.vertices)
 
     def _make_spec(self) -> RunSpec:
         """Return what this run has to do, by which an interrupted one is known again."""

@@ -195,6 +195,23 @@ def test_edits_are_measured_relative_to_the_weights_before():
     assert meter.measure_weights(problem.rest_weights + 0.1 * noise).largest > 2
 
 
+def test_weights_are_blended_until_edits_are_smooth_enough():
+    fitter = Fitter(BINDING)
+    problem = fitter.make_alternator(fitter.sample([Frames(CLIP)]), DEFAULT_STRENGTH).problem
+    meter, smooth = EditMeter(problem, BINDING.cage), problem.rest_weights
+    noise = np.random.default_rng(1).normal(size=smooth.shape)
+    roughness = [meter.measure_weights(smooth + size * noise).largest for size in (0.01, 1.0)]
+    assert roughness[0] < MAX_EDIT_ROUGHNESS < roughness[1]
+    kept = smooth + 0.01 * noise
+    np.testing.assert_array_equal(meter.blend(smooth, kept), kept)
+    np.testing.assert_array_equal(meter.blend(smooth, smooth + 100 * noise), smooth)
+    sizes = np.geomspace(0.01, 1, 40)
+    size = next(s for s in sizes if meter.measure_weights(smooth + s * noise).largest > 1.16)
+    blended = meter.blend(smooth, smooth + size * noise)
+    assert meter.measure_weights(blended).largest <= MAX_EDIT_ROUGHNESS
+    assert np.abs(blended - smooth).max() > 0
+
+
 @pytest.mark.parametrize(
     ("wrong", "named"),
     [
