@@ -18,11 +18,14 @@ from cageik_cli import Binding, TriMesh, bind, load_mesh
 from cageik_cli.fit.fit import Fitter
 from cageik_cli.fit.fitted import FittedWeights
 from cageik_cli.fit.settings import DEFAULT_STRENGTH, FitSettings
+from cageik_cli.method.solve.settings import FITTED_NORM, LEAST_SQUARES, SolveSettings
 from cageik_cli.run.api import extract
 from cageik_cli.util.threads import count_processors, limit_blas_threads
 from tests.fitted import Frames
 
 JOBS = count_processors()
+SOLVE = SolveSettings(norm=FITTED_NORM)
+"""As runs have it by default; weights of low rank or few influences are of least squares."""
 TABLES = ("errors", "halves", "rank", "influences", "growth")
 
 
@@ -36,13 +39,13 @@ def load(folder: Path) -> tuple[np.ndarray, TriMesh]:
 def timed(binding: Binding, frames: np.ndarray, **settings: object) -> tuple[FittedWeights, float]:
     """The fitted weights with their report, and the seconds of all of it."""
     start = time.perf_counter()
-    found = Fitter(binding, FitSettings(**settings), jobs=JOBS).fit([Frames(frames)])
+    found = Fitter(binding, FitSettings(**settings), solve=SOLVE, jobs=JOBS).fit([Frames(frames)])
     return found, time.perf_counter() - start
 
 
-def deviations(frames: np.ndarray, binding: Binding) -> str:
+def deviations(frames: np.ndarray, binding: Binding, norm: float = FITTED_NORM) -> str:
     """The rms, 99th percentile and largest deviation of frames in percent of the diagonal."""
-    animation = extract(frames, binding)
+    animation = extract(frames, binding, norm=norm)
     errors = []
     for k, frame in enumerate(frames):
         errors.append(np.linalg.norm(animation.reconstruct(k) - frame, axis=1))
@@ -56,7 +59,7 @@ def deviations(frames: np.ndarray, binding: Binding) -> str:
 def errors(name: str, frames: np.ndarray, binding: Binding) -> None:
     """Held-out frames against harmonic weights: a given strength, the default, and to be played."""
     n = binding.weights.shape[1]
-    print(f"{name:16} {n:4} harmonic {deviations(frames[1::2], binding)}")
+    print(f"{name:16} {n:4} harmonic {deviations(frames[1::2], binding, LEAST_SQUARES)}")
     for settings in ({"regularization": 0.1}, {}, {"use": "play"}):
         found, seconds = timed(binding, frames[::2], **settings)
         report, quality = found.report, found.binding.quality
@@ -78,7 +81,8 @@ def halves(name: str, frames: np.ndarray, binding: Binding) -> None:
     middle = len(frames) // 2
     found, _ = timed(binding, frames[:middle])
     print(
-        f"{name:16} {binding.weights.shape[1]:4} harmonic {deviations(frames[middle:], binding)}"
+        f"{name:16} {binding.weights.shape[1]:4} harmonic "
+        f"{deviations(frames[middle:], binding, LEAST_SQUARES)}"
         f"   fitted {deviations(frames[middle:], found.binding)}",
         flush=True,
     )

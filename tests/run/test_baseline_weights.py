@@ -10,7 +10,6 @@ from cageik_cli.cages.bind import bind
 from cageik_cli.fit.settings import FitSettings
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.inputs.settings import WeightSettings
-from cageik_cli.method.solve.settings import FITTED_NORM, SolveSettings
 from cageik_cli.method.weights.settings import BindSettings
 from cageik_cli.report.record import build_report
 from cageik_cli.run.bind import bind_files
@@ -48,8 +47,8 @@ def run(tmp_path, write_obj):
 
 
 def test_errors_and_shapes_are_those_of_a_run_without_a_fit(run):
-    """In the same norm, which a fit chooses."""
-    fitted, plain = run(), run("plain.h5", fit=None, solve=SolveSettings(norm=FITTED_NORM))
+    """With cages of least squares, as such a run has by default."""
+    fitted, plain = run(), run("plain.h5", fit=None)
     binding = bind(plain.rest, plain.cage, MEAN_VALUE)
     with h5py.File(fitted.path) as file, h5py.File(plain.path) as other:
         held = file["unfitted"]
@@ -100,7 +99,7 @@ def test_a_fitted_binding_file_is_compared_as_its_own_run(run, tmp_path, form, c
     """The weights before the fit are not in the file: they are computed again, or cached."""
     cache = cache and tmp_path / cache
     expected = run("own.h5", fit=form)
-    plain = run("plain.h5", fit=None, solve=SolveSettings(norm=expected.settings.get("norm")))
+    plain = run("plain.h5", fit=None)
     bind_files(
         BindRunSettings(
             tmp_path / "cage.obj",
