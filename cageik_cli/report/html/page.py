@@ -21,6 +21,7 @@ from cageik_cli.report.figures import (
     format_percent,
     format_scene_length,
 )
+from cageik_cli.report.fit_rows import format_fit_rows
 from cageik_cli.report.html.pictures import (
     FitShapes,
     draw_fit_section,
@@ -124,6 +125,7 @@ def render_page(
         regions=_build_region_values(report, spelling),
         histogram=_build_histogram_values(report.vertices),
         quality=build_quality_rows(report, spelling),
+        fit_rows=() if report.fit is None else format_fit_rows(report.fit, is_verbose=True),
         settings=[
             (name, _format_value(value), SETTING_MEANINGS.get(name, ""))
             for name, value in report.settings.items()

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from cageik_cli.report.figures import format_percent
+from cageik_cli.report.fit_rows import format_fit_rows
 from cageik_cli.report.html import pictures
 from cageik_cli.report.html.page import render_page, render_result_page
 from cageik_cli.report.html.pictures import draw_fit_section, load_fit_shapes
@@ -125,6 +126,15 @@ def test_both_errors_are_given(page, report):
     assert f"{format_percent(unfitted.fitted_rms_percent)} % with fitted" in words
     plot = next(parse_page(page).by_id("per-frame").all("img")).attributes["alt"]
     assert f"{format_percent(max(unfitted.rms_percent))} % with mean-value weights" in plot
+
+
+def test_the_page_says_how_weights_were_fitted(page, report):
+    weights = parse_page(page).by_id("weights").text
+    assert "How they were fitted" in weights
+    for label, text in format_fit_rows(report.fit, is_verbose=True):
+        assert f"{label.capitalize()} {text}" in " ".join(weights.split())
+    plain = render_page(replace(report, fit=None), None, None, pixels=8)
+    assert "How they were fitted" not in plain
 
 
 def test_a_sample_of_the_frames_says_so(report, poses, shapes):
