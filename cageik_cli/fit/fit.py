@@ -126,12 +126,13 @@ class Fitter:
             sample = self.sample(clips, skips_bad_frames)
             solver = self.cage_solve.prepare(self._binding.weights)
             distinct = sample.count_distinct(solver)
-            ladder, limit = choose_ladder(self._settings, distinct)
+            ladder, limit = choose_ladder(
+                self._settings,
+                distinct,
+                can_hold_out=sample.can_hold_out,
+                has_memory=self._can_climb(sample),
+            )
             tried: list[TriedStrength] = []
-            if len(ladder) > 1 and not self._can_climb(sample):
-                ladder, limit = (Rung(DEFAULT_STRENGTH),), StrengthLimit.MEMORY
-            if len(ladder) > 1 and not sample.can_hold_out:
-                ladder, limit = (Rung(DEFAULT_STRENGTH),), StrengthLimit.FRAMES
             meter = EditMeter(self._problem, self._binding.cage)
             if len(ladder) == 1:
                 # Before the fit to all frames, whose weights would be a large array meanwhile.

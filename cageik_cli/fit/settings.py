@@ -62,6 +62,7 @@ class StrengthLimit(StrEnum):
 
     GIVEN = "given"
     FRAMES = "few frames"
+    NONE_ASIDE = "none kept aside"
     MEMORY = "memory"
     INFLUENCES = "few influences"
     EDITS = "edits"

@@ -65,8 +65,9 @@ one round at each, errors are 2 % larger for edits that are as rough; with three
 Two strengths more, at (0.003, 1) and (0.003, 0.01), lower errors by 2 to 6 % and take a third more.
 """
 
-PLAYED_LADDER = (*LADDER, *3 * [LADDER[-1]._replace(rounds=6)])
-"""For weights that are only played: the last rounds go on as long as they help."""
+PLAYED_TIMES, PLAYED_ROUNDS = 3, 6
+"""For weights that are only played, the last strength is taken on so many times with so many rounds
+each, as long as they help."""
 
 STEPS_PER_ROUND = 3
 """Steps of conjugate gradients in a round: enough, as each strength is near to the one before."""
@@ -190,23 +191,40 @@ def take_rounds(
 
 
 def choose_ladder(
-    settings: FitSettings, distinct_frames: int
+    settings: FitSettings,
+    distinct_frames: int,
+    *,
+    can_hold_out: bool = True,
+    has_memory: bool = True,
 ) -> tuple[tuple[Rung, ...], StrengthLimit]:
-    """Return the strengths to try; or the only one, and why."""
+    """Return the strengths to try; or the only one, and why.
+
+    Parameters
+    ----------
+    can_hold_out : bool
+        Whether frames can be held out.
+    has_memory : bool
+        Whether there is memory for two trials.
+    """
     if settings.strength is not None:
         return (Rung(settings.strength),), StrengthLimit.GIVEN
-    ladder = LADDER if settings.use == "edit" else PLAYED_LADDER
-    limit = StrengthLimit.LADDER
+    only, limit = (Rung(DEFAULT_STRENGTH),), StrengthLimit.LADDER
     if settings.influences is not None:  # a weaker pull makes them rougher, and hardly closer
-        ladder, limit = (Rung(DEFAULT_STRENGTH),), StrengthLimit.INFLUENCES
+        limit = StrengthLimit.INFLUENCES
     elif settings.use == "edit" and distinct_frames < MIN_DISTINCT_FRAMES:
         pull, smoothness = DEFAULT_STRENGTH
         missing = max(1.0, ENOUGH_FRAMES / max(1, distinct_frames))
-        ladder = (Rung(Strength(pull * missing**2, smoothness)),)
-        limit = StrengthLimit.FRAMES
+        only, limit = (Rung(Strength(pull * missing**2, smoothness)),), StrengthLimit.FRAMES
+    elif not can_hold_out:
+        limit = StrengthLimit.NONE_ASIDE
+    elif not has_memory:
+        limit = StrengthLimit.MEMORY
+    ladder: tuple[Rung, ...] = LADDER if limit is StrengthLimit.LADDER else only
     if settings.smoothness is not None:
         pulls = dict.fromkeys((one.strength.regularization, one.rounds) for one in ladder)
         ladder = tuple(Rung(Strength(pull, settings.smoothness), k) for pull, k in pulls)
+    if settings.use == "play" and limit is StrengthLimit.LADDER:
+        ladder = (*ladder, *PLAYED_TIMES * [ladder[-1]._replace(rounds=PLAYED_ROUNDS)])
     return ladder, limit
 
 

@@ -133,10 +133,12 @@ def _list_candidates(result: Result) -> Iterator[list[str]]:
 
 def _list_folders(folder: Path) -> list[Path]:
     """List the folders in a folder; none in one that may not be listed."""
-    try:
-        return sorted(path for path in folder.iterdir() if path.is_dir())
-    except OSError:
-        return []
+    found = []
+    with suppress(OSError):
+        for path in folder.iterdir():
+            with suppress(OSError):
+                found += [path] if path.is_dir() else []
+    return sorted(found)
 
 
 def _is_in(folder: Path, name: str) -> bool:

@@ -25,9 +25,10 @@ from cageik_cli.util.text import format_bytes, format_count
 
 _STRENGTH_REASONS = {
     StrengthLimit.FRAMES: f"of fewer than {MIN_DISTINCT_FRAMES} distinct frames, it stays smooth",
+    StrengthLimit.NONE_ASIDE: "no frames can be kept aside to try others",
     StrengthLimit.MEMORY: "the memory limit has no room to try others",
     StrengthLimit.INFLUENCES: "with few influences, it stays smooth",
-    StrengthLimit.EDITS: "a weaker one makes edits of the cage more than "
+    StrengthLimit.EDITS: "a weaker one made edits of the cage in trials more than "
     f"{MAX_EDIT_ROUGHNESS:g} times as rough",
     StrengthLimit.KEPT_ASIDE: "a weaker one follows frames kept aside worse",
     StrengthLimit.GAIN: "a weaker one follows frames kept aside no better",
@@ -77,10 +78,17 @@ def list_fit_notes(record: FitRecord) -> tuple[Said, ...]:
     if report.limit is StrengthLimit.FRAMES:
         distinct = format_count(report.distinct_frames or 0, "distinct frame")
         notes.append(
-            f"the clip has {distinct}, fewer than {MIN_DISTINCT_FRAMES}: too few to choose how "
+            f"the fit has {distinct}, fewer than {MIN_DISTINCT_FRAMES}: too few to choose how "
             "close a fit may be, so it stays smooth; fit more motion, or "
             + Hint("fit_for", "play")
             + " if only these frames are played"
+        )
+    edits = None if record.settings.influences is not None else report.edits
+    is_chosen = record.settings.use == "edit" and report.limit is not StrengthLimit.GIVEN
+    if edits is not None and is_chosen and edits.largest > MAX_EDIT_ROUGHNESS:
+        notes.append(
+            f"edits of the cage are {edits.largest:.2f} times as rough as with the unfitted "
+            f"weights (more than {MAX_EDIT_ROUGHNESS:g}); " + say("raise `fit_regularization=`")
         )
     if held_out is None:
         fitted = format_count(report.fitted_frames, "frame")

@@ -417,7 +417,7 @@ def extract(
         Align each frame rigidly with the rest pose before the solve.
     norm : float, optional
         Power by which deviations far above the others of a frame count: 2 is least squares, a
-        higher one, up to 12, lowers the largest deviation. It is 6 by default where weights are
+        higher one, up to 8, lowers the largest deviation. It is 6 by default where weights are
         fitted to a clip without outliers, else 2.
     vertex_weights : (m,) or "area", optional
         Weights of the vertices; 0 marks missing data. Or each vertex counts by its area.

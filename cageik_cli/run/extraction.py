@@ -212,15 +212,17 @@ class Extraction:
         Of data that may be noisy it is that of least squares.
         """
         settings, known = self.settings, None if self.stored is None else self.stored.fit
-        fit = self.fit
-        if fit is None and known is not None and known.solve.lowers_deviations:
-            fit = known.settings
         is_clean = None
         if self.weighs_frames:
             is_clean = False
         elif self.fit is not None and settings.fit is None:
             is_clean = True  # or weights would not be fitted without being asked for
-        return choose_norm(settings.solve, fit, [self.sequence], is_clean=is_clean)
+        fit, own = self.fit, None
+        if fit is None and known is not None and known.solve.lowers_deviations:
+            fit, own = FitSettings(), known.solve.norm
+        chosen = choose_norm(settings.solve, fit, [self.sequence], is_clean=is_clean)
+        is_stated = settings.solve.norm is not None
+        return chosen if is_stated or None in (own, chosen.norm) else replace(chosen, norm=own)
 
     @property
     def scene(self) -> Scene:

@@ -112,7 +112,7 @@ def fit_weights(
 
 def find_seams(rest: TriMesh, clips: Sequence[MeshSequence]) -> Seams | None:
     """Find the vertices of a rest pose that never come apart in evenly spread frames of clips."""
-    count = max(1, MAX_PROBED_FRAMES // len(clips))
+    count = max(1, MAX_PROBED_FRAMES // max(1, len(clips)))
     return Seams.find(rest, (frame for clip in clips for frame in _read_probed_frames(clip, count)))
 
 

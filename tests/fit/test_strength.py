@@ -18,7 +18,8 @@ from cageik_cli.fit.settings import (
 )
 from cageik_cli.fit.strength import (
     LADDER,
-    PLAYED_LADDER,
+    PLAYED_ROUNDS,
+    PLAYED_TIMES,
     EditMeter,
     Rung,
     Trial,
@@ -26,8 +27,10 @@ from cageik_cli.fit.strength import (
     climb,
 )
 from cageik_cli.method.weights.binding import Correction
+from cageik_cli.report.fit_rows import list_fit_notes
 from cageik_cli.run.api import extract
-from cageik_cli.util.errors import SettingError
+from cageik_cli.run.fit import fit_weights
+from cageik_cli.util.errors import InputError, SettingError
 from tests.fitted import Frames, small_binding, smooth_motion
 from tests.refusals import refused
 
@@ -77,7 +80,12 @@ def test_the_ladder_ends_where_a_strength_is_worse(errors, edits, use, count, li
     ("settings", "frames", "expected", "limit"),
     [
         ({}, 30, LADDER, StrengthLimit.LADDER),
-        ({"use": "play"}, 5, PLAYED_LADDER, StrengthLimit.LADDER),
+        (
+            {"use": "play"},
+            5,
+            (*LADDER, *PLAYED_TIMES * [LADDER[-1]._replace(rounds=PLAYED_ROUNDS)]),
+            StrengthLimit.LADDER,
+        ),
         ({}, 29, (Rung(DEFAULT_STRENGTH),), StrengthLimit.FRAMES),
         ({}, 8, (Rung(Strength(0.4, 1.0)),), StrengthLimit.FRAMES),
         ({}, 0, (Rung(Strength(25.6, 1.0)),), StrengthLimit.FRAMES),
@@ -101,6 +109,36 @@ def test_a_smoothness_that_is_given_alone_stays():
     assert [rung.strength.smoothness for rung in ladder] == 5 * [0.5]
     pulls = [rung.strength.regularization for rung in ladder]
     assert pulls == sorted(set(pulls), reverse=True)
+
+
+@pytest.mark.parametrize(
+    ("lacks", "limit"),
+    [("can_hold_out", StrengthLimit.NONE_ASIDE), ("has_memory", StrengthLimit.MEMORY)],
+)
+@pytest.mark.parametrize("smoothness", [None, 0.5])
+def test_a_smoothness_that_is_given_stays_where_nothing_can_be_tried(lacks, limit, smoothness):
+    settings = FitSettings(smoothness=smoothness)
+    found = choose_ladder(settings, 99, **{lacks: False})
+    assert found == ((Rung(Strength(0.1, smoothness or 1.0)),), limit)
+
+
+def test_the_last_strength_is_repeated_for_play_with_any_smoothness():
+    ladder, _ = choose_ladder(FitSettings(use="play", smoothness=0.5), 5)
+    assert [rung.rounds for rung in ladder[-PLAYED_TIMES:]] == PLAYED_TIMES * [PLAYED_ROUNDS]
+
+
+def test_edits_that_stay_too_rough_are_noted():
+    found = fit(CLIP[:20])
+    assert found.report.limit is StrengthLimit.FRAMES
+    for edits, is_noted in ((EditRoughness(1.15, 1.0), False), (EditRoughness(1.0, 1.3), True)):
+        record = replace(found.fit, report=replace(found.report, edits=edits))
+        notes = [str(note) for note in list_fit_notes(record)]
+        assert any("1.30 times as rough" in note for note in notes) == is_noted
+
+
+def test_no_clips_are_refused():
+    with refused(InputError, "no frame can be read"):
+        fit_weights(BINDING, [])
 
 
 def test_the_default_is_closer_where_nothing_was_seen_and_keeps_edits_smooth():

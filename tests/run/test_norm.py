@@ -157,6 +157,37 @@ def test_a_fitted_binding_brings_the_norm_of_its_fit(fitted, tmp_path):
     assert "norm" not in extract(through).settings
 
 
+@pytest.mark.parametrize("form", [FitSettings(), FitSettings(rank=3)])
+def test_a_binding_brings_its_own_norm(fitted, tmp_path, form):
+    own = SolveSettings(norm=3)
+    path = tmp_path / "own.h5"
+    bind_files(
+        BindRunSettings(
+            fitted.cage,
+            Path(fitted.frames[0]),
+            path,
+            clips=(str(Path(fitted.frames[0]).parent),),
+            fit=form,
+            solve=own,
+        )
+    )
+    words = {"cage": None, "fit": None, "binding": path}
+    assert extract(replace(fitted, **words)).settings["norm"] == 3
+    two = replace(fitted, **words, solve=SolveSettings(norm=2))
+    assert extract(two).settings["norm"] == 2
+
+
+@pytest.mark.parametrize("power", [6.0, 8.0])
+def test_a_spike_does_not_make_a_norm_diverge(walker, power):
+    """Beyond a norm of 8 the rounds would: the largest deviation stays near that of the spike."""
+    clip = load_clip(list(walker.frames))
+    frames = np.stack([clip.read_frame(k) for k in range(len(clip))])
+    frames[::3, 700] += (1.0, 0.5, 0.2)
+    binding = bind(clip.first, load_mesh(walker.cage), accuracy="preview")
+    plain, even = (extract_arrays(frames, binding, norm=p) for p in (2.0, power))
+    assert (even.max_deviation <= 1.01 * plain.max_deviation).all()
+
+
 def test_the_api_chooses_the_same(fitted):
     expected = extract(fitted)
     clip = load_clip(list(fitted.frames))

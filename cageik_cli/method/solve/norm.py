@@ -44,7 +44,8 @@ MIN_LIMIT = 1e-6
 """Smallest limit, in diagonals of the rest pose: nobody sees less, and files round more."""
 
 MAX_CAGE_ROUNDS = 30
-"""Rounds of weighing the followed vertices of a frame; p = 6 takes 3 to 7 of them, p = 12 15."""
+"""Rounds of weighing the followed vertices of a frame; p = 6 takes 3 to 7 of them. For p of 9 and
+more, rounds may diverge, so that settings end at 8."""
 
 MOVE_TOL = 0.1
 """Rounds end when none moves a followed vertex by more than this share of the limit."""

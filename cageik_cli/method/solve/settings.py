@@ -56,7 +56,7 @@ class SolveSettings:
         unset=f"{FITTED_NORM:g} where weights are fitted to clean clips, else {LEAST_SQUARES:g}",
         metavar="P",
         minimum=2,
-        maximum=12,
+        maximum=8,
         group=HelpGroup.SOLVE,
     )
 

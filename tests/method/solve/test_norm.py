@@ -54,7 +54,7 @@ def test_weights_of_one_would_change_nothing(binding, monkeypatch):
     np.testing.assert_allclose(found, plain, atol=1e-12)
 
 
-@pytest.mark.parametrize("power", [3, 6, 12])
+@pytest.mark.parametrize("power", [3, 6, 8])
 def test_the_cage_is_the_minimum_of_the_objective(binding, power, monkeypatch):
     """Oracle: a general minimiser, on the objective as it stands in the paper of the module."""
     monkeypatch.setattr(norms, "MOVE_TOL", 1e-9)
@@ -183,5 +183,5 @@ def test_weights_begin_at_one_and_grow_with_a_power():
 
 @pytest.mark.parametrize("value", [1.9, 0, -3, 12.5, float("nan"), float("inf")])
 def test_other_norms_are_refused(value):
-    with pytest.raises(SettingError, match=r"norm is .*, expected 2 to 12"):
+    with pytest.raises(SettingError, match=r"norm is .*, expected 2 to 8"):
         SolveSettings(norm=value)
