@@ -4,7 +4,7 @@ import ast
 import re
 import sys
 from collections import defaultdict
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from functools import cache
 from pathlib import Path
 
@@ -12,6 +12,12 @@ PACKAGE = Path(__file__).parents[1] / "cageik_cli"
 
 MAX_LINES = 700
 """Lines of a module; a longer one has a second subject. There is no lower limit."""
+
+TOP_LEVEL = {
+    "CHANGELOG.md", "CITATION.cff", "CONTRIBUTING.md", "LICENSE", "MANIFEST.in", "Makefile", "README.md",
+    "cageik_cli", "data_fixtures", "docs", "mkdocs.yml", "pyproject.toml", "tests",
+}  # fmt: skip
+"""What the top level holds, beside names that begin with a dot."""
 
 CONSTANT = re.compile(r"_?[A-Z][A-Z0-9_]+")
 OPTION = re.compile(r"(?<![\w-])(?:--(?!nthreads|nworkers)[a-z][a-z-]*|-[oqv](?![\w-]))")
@@ -128,6 +134,15 @@ def main() -> int:
     faults = [fault for rule in RULES for fault in rule(modules)]
     print("\n".join(faults) or f"{len(modules)} modules keep the rules")
     return bool(faults)
+
+
+def find_stray_entries(paths: Iterable[bytes]) -> Iterator[bytes]:
+    """Yield the paths of files whose first part is not agreed on for the top level."""
+    agreed = {name.encode() for name in TOP_LEVEL}
+    for path in paths:
+        first = path.split(b"/")[0]
+        if first not in agreed and not first.startswith(b"."):
+            yield path
 
 
 if __name__ == "__main__":

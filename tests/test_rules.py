@@ -1,5 +1,8 @@
 """The checks of the rules find what breaks them."""
 
+import subprocess
+from pathlib import Path
+
 import pytest
 
 from tests.rules import (
@@ -8,8 +11,11 @@ from tests.rules import (
     find_lost_modules,
     find_option_words,
     find_repeated_constants,
+    find_stray_entries,
     read_modules,
 )
+
+ROOT = Path(__file__).parents[1]
 
 
 @pytest.mark.parametrize("rule", RULES)
@@ -93,3 +99,16 @@ def test_words_of_commands_pass(source):
 def test_parameters_in_backticks_and_docstrings_pass():
     source = '"""As --rest does."""\nTEXT = "give it with `rest`, or a -- dash"\n'
     assert list(find_option_words([("run/a.py", source)])) == []
+
+
+def test_the_top_level_holds_what_is_agreed_on():
+    """What a test or a trial has left there is not committed."""
+    listed = subprocess.run(["git", "ls-files", "-z"], cwd=ROOT, capture_output=True, check=True)
+    paths = listed.stdout.rstrip(b"\0").split(b"\0")
+    assert b"pyproject.toml" in paths
+    assert list(find_stray_entries(paths)) == []
+
+
+def test_strays_at_the_top_level_are_found():
+    paths = [b"bound.h5", b"k\xff.usdc", b".ci/run", b"docs/api.md", b"doc/api.md"]
+    assert list(find_stray_entries(paths)) == [b"bound.h5", b"k\xff.usdc", b"doc/api.md"]
