@@ -14,8 +14,8 @@ MAX_LINES = 700
 """Lines of a module; a longer one has a second subject. There is no lower limit."""
 
 TOP_LEVEL = {
-    "CHANGELOG.md", "CITATION.cff", "CONTRIBUTING.md", "LICENSE", "MANIFEST.in", "Makefile", "README.md",
-    "cageik_cli", "data_fixtures", "docs", "mkdocs.yml", "pyproject.toml", "tests",
+    "CHANGELOG.md", "CITATION.cff", "CONTRIBUTING.md", "LICENSE", "MANIFEST.in", "Makefile",
+    "README.md", "cageik_cli", "data_fixtures", "docs", "mkdocs.yml", "pyproject.toml", "tests",
 }  # fmt: skip
 """What the top level holds, beside names that begin with a dot."""
 
