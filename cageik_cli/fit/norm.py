@@ -32,6 +32,7 @@ from cageik_cli.fit.problem import (
     Motion,
     WeightProblem,
 )
+from cageik_cli.method.solve.dual_laplacian import DualLaplacianSolver
 from cageik_cli.method.solve.norm import sum_squares, weigh_deviations
 from cageik_cli.method.weights.binding import Correction
 from cageik_cli.util.arrays import Floats
@@ -81,22 +82,10 @@ def _move_data(
     norm: float,
 ) -> tuple[Motion, Floats]:
     """Return the motion with D̃ in place of D, and Ω, (m,), for these weights."""
-    weights = problem.add_change(change)
-    solver = cage_solve.prepare(weights)
-    jobs, dtype = problem.jobs, target.parts[0].dtype
-
-    def solve_block(columns: Floats) -> tuple[Floats, NDArray[np.floating]]:
-        cages = solver.solve_displacements(columns)
-        errors = weights @ cages
-        return cages, np.subtract(columns, errors, out=errors).astype(dtype, copy=False)
-
-    with OrderedMap(solve_block, target.blocks(), jobs, jobs) as solved:
-        cages, parts = zip(*solved, strict=True)
-    squares = sum(np.einsum("jc,jc->j", part, part, dtype=np.float64) for part in parts)
-    total = float(solver.vertex_weights @ squares)
-    mean = total / (float(solver.vertex_weights.sum()) * target.weight)
-    limit = ROW_LIMIT_RATIO * np.sqrt(mean) if mean > 0 else np.inf
-
+    solver = cage_solve.prepare(problem.add_change(change))
+    jobs = problem.jobs
+    cages, parts, rms = _solve_errors(solver, target, jobs)
+    limit = ROW_LIMIT_RATIO * rms if rms > 0 else np.inf
     shares = np.split(
         target.shares[target.frames],
         np.cumsum([part.shape[1] // 3 for part in parts])[:-1],
@@ -135,4 +124,26 @@ def _move_data(
     least = ROUNDING_TOL * cage_solve.binding.rest.diagonal
     frames = np.arange(len(target))
     data = Displacements(parts, frames, np.concatenate(shares))
-    return Motion(data, np.hstack(cages), least), scales
+    return Motion(data, cages, least), scales
+
+
+def _solve_errors(
+    solver: DualLaplacianSolver, target: Displacements, jobs: int
+) -> tuple[Floats, tuple[NDArray[np.floating], ...], float]:
+    """Solve the cages of least squares, (n, 3k).
+
+    Also returned are the errors D − W B, in parts of (m, 3b), and their root mean square.
+    """
+    weights, dtype = solver.binding.weights, target.parts[0].dtype
+
+    def solve_block(columns: Floats) -> tuple[Floats, NDArray[np.floating]]:
+        cages = solver.solve_displacements(columns)
+        errors = weights @ cages
+        return cages, np.subtract(columns, errors, out=errors).astype(dtype, copy=False)
+
+    with OrderedMap(solve_block, target.blocks(), jobs, jobs) as solved:
+        cages, parts = zip(*solved, strict=True)
+    squares = sum(np.einsum("jc,jc->j", part, part, dtype=np.float64) for part in parts)
+    total = float(solver.vertex_weights @ squares)
+    mean = total / (float(solver.vertex_weights.sum()) * target.weight)
+    return np.hstack(cages), parts, float(np.sqrt(mean))
