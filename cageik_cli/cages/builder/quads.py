@@ -67,6 +67,10 @@ WALKS = 3
 MIN_QUAD_ANGLE = 5.0
 """Degrees that the triangles of a quad have, by either diagonal."""
 
+MAX_FOLD = 45.0
+"""Degrees between the normals of the triangles of a quad, by either diagonal: programs cut quads by
+the one or by the other, and one that folds more is no face that an artist would draw."""
+
 PAIR_VALUE = 0.5
 """What a quad counts for whatever its shape, which counts for at most one."""
 
@@ -105,7 +109,8 @@ def describe_few_quads(cage: TriMesh) -> tuple[str, ...]:
         return ()
     return (
         f"{100 * share:.0f} % of the faces are quads, expected {100 * MIN_QUAD_SHARE:g} % or more; "
-        "the others are at sharp edges, or would not hold the model by either diagonal",
+        f"the others would fold by more than {MAX_FOLD:g} degrees, or not hold the model by either "
+        "diagonal",
     )
 
 
@@ -360,7 +365,7 @@ def find_near_quads(cage: TriMesh, quads: Integers, demand: Demand) -> Mask:
 def find_failing(cage: TriMesh, quads: Integers, demand: Demand, angle: float) -> Mask:
     """Return which quads are at fault, (q,), where the cage fails with any choice of diagonals.
 
-    It fails, too, if a triangle has a smaller angle than this, degrees.
+    It fails, too, if a triangle has a smaller angle than this, degrees, or a quad folds.
     """
     failing, count = np.zeros(len(quads), bool), 2 * len(quads)
     cuts = join_quads(cage, quads), turn_diagonals(cage, quads)
@@ -385,6 +390,7 @@ def find_failing(cage: TriMesh, quads: Integers, demand: Demand, angle: float) -
         if len(of_quad) == 0:
             return np.ones(len(quads), bool)
         failing[of_quad] = True
+    failing |= measure_folds(cage.vertices, quads) > MAX_FOLD
     # Halves by either diagonal that cross other faces by either diagonal.
     own, turned = (cut.faces for cut in cuts)
     pairs = self_intersections(TriMesh(cage.vertices, np.concatenate([own, turned[:count]])))
@@ -583,3 +589,13 @@ def measure_ridges(vertices: Floats, quads: Integers) -> Floats:
     """Return the volume that quads lose by their other diagonal, (q,); negative for valleys."""
     a, d, b, c = vertices[quads].transpose(1, 0, 2)
     return np.asarray((cross(b - a, d - a) * (c - a)).sum(axis=1) / 6)
+
+
+def measure_folds(vertices: Floats, quads: Integers) -> Floats:
+    """Return the degrees between the triangles of quads, (q,): the larger of both diagonals."""
+    a, b, c = vertices[quads][:, HALVES].transpose(2, 1, 0, 3)  # each (4, q, 3)
+    normals = cross(b - a, c - a)
+    lengths = np.linalg.norm(normals, axis=2)
+    cosines = (normals[::2] * normals[1::2]).sum(axis=2)
+    cosines /= np.maximum(lengths[::2] * lengths[1::2], 1e-300)
+    return np.asarray(np.degrees(np.arccos(np.clip(cosines, -1, 1))).max(axis=0))

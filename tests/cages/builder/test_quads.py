@@ -17,6 +17,7 @@ from cageik_cli.cages.builder.quads import (
     fit_cuts,
     join_quads,
     make_quads,
+    measure_folds,
     name_diagonals,
     push_cuts,
     turn_diagonals,
@@ -88,6 +89,40 @@ def test_either_diagonal_of_any_quad_holds_the_model(quad_cage):
         faces = np.concatenate([np.reshape(halves, (-1, 3)), kept])
         cut = TriMesh(cage.vertices, faces)
         assert judge(cut, demand).faults == ()
+
+
+@pytest.mark.slow
+def test_no_quad_folds_by_more_than_45_degrees_by_either_diagonal(quad_cage):
+    cage, _ = quad_cage
+    for ring in map(np.array, list_quads(cage)):
+        for turned in (ring, np.roll(ring, 1)):
+            a, b, c, d = cage.vertices[turned]
+            one, other = np.cross(b - a, c - a), np.cross(c - a, d - a)
+            cosine = one @ other / np.linalg.norm(one) / np.linalg.norm(other)
+            assert cosine >= np.cos(np.pi / 4) - 1e-9
+
+
+@pytest.mark.parametrize("angle", [0, 30, 44, 46, 120])
+@pytest.mark.parametrize("turn", [0, 1])
+def test_a_fold_is_the_angle_between_the_halves_by_the_worse_diagonal(angle, turn):
+    """A square that is folded along its first diagonal folds less along the other."""
+    up = np.radians(180 - angle)
+    corners = np.array([[0, -1, 0], [1, 0, 0], [0, 1, 0], [np.cos(up), 0, np.sin(up)]], dtype=float)
+    (fold,) = measure_folds(corners, np.roll([[0, 1, 2, 3]], turn, axis=1))
+    assert fold == pytest.approx(angle, abs=1e-6)
+
+
+def test_quads_that_fold_stay_triangles(monkeypatch):
+    leave_loose(monkeypatch)
+    cage, demand = make_small()
+    monkeypatch.setattr(quads_module, "MAX_FOLD", 180.0)
+    made = make_quads(cage, demand)
+    loose = list_quads(made)
+    limit = float(np.median(measure_folds(made.vertices, np.array(loose))))
+    monkeypatch.setattr(quads_module, "MAX_FOLD", limit)
+    kept = make_quads(cage, demand)
+    assert 0 < len(list_quads(kept)) < len(loose)
+    assert measure_folds(kept.vertices, np.array(list_quads(kept))).max() <= limit
 
 
 def test_quads_that_fail_are_left_as_triangles(monkeypatch):
