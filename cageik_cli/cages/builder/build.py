@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 
@@ -214,16 +213,15 @@ def build_cage(
     settings = settings or BuildSettings()
     # Sums of several threads are rounded otherwise, and a choice may hang on that.
     with limit_blas_threads(1):
-        mirror = find_symmetry(model, settings.symmetric)
-        make_free = partial(_Builder, model, settings, clip, processes=processes, note=note)
-        if mirror is None:
-            return make_free().run(progress)
-        try:
-            return _Builder(model, settings, clip, mirror).run(progress)
-        except NumericalError:
-            built = make_free().run(progress)
-            lost = f"no cage that is symmetric about {mirror} passed the tests: this one is not"
-            return replace(built, notes=(lost, *built.notes))
+        mirror, lost = find_symmetry(model, settings.symmetric)
+        if mirror is not None:
+            try:
+                return _Builder(model, settings, clip, mirror).run(progress)
+            except NumericalError:
+                lost = f"no cage that is symmetric about {mirror} passed the tests: this one is not"
+        free = _Builder(model, settings, clip, processes=processes, note=note)
+        built = free.run(progress)
+        return built if lost is None else replace(built, notes=(lost, *built.notes))
 
 
 class _Builder:

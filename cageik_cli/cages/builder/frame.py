@@ -146,8 +146,8 @@ def break_ties(points: Floats) -> Floats:
     return np.asarray(points + MAX_UNEVENNESS * np.sin(points @ WAVES.T + [0.3, 1.1, 2.3]))
 
 
-def find_symmetry(model: TriMesh, wanted: str) -> Mirror | None:
-    """Return the plane that a cage is to be symmetric about, if any.
+def find_symmetry(model: TriMesh, wanted: str) -> tuple[Mirror | None, str | None]:
+    """Return the plane that a cage is to be symmetric about, if any, and a note if none was found.
 
     Parameters
     ----------
@@ -156,12 +156,19 @@ def find_symmetry(model: TriMesh, wanted: str) -> Mirror | None:
         the plane across which the model is its own mirror image, if there is one.
     """
     if wanted == "off" or not model.diagonal > 0:
-        return None
+        return None, None
     search = _PlaneSearch(model)
     if wanted != "auto":
-        return search.place_across("xyz".index(wanted))
+        return search.place_across("xyz".index(wanted)), None
     mirror, asymmetry = search.find_best()
-    return mirror if asymmetry <= MAX_MODEL_ASYMMETRY else None
+    if asymmetry <= MAX_MODEL_ASYMMETRY:
+        return mirror, None
+    return None, (
+        f"the cage is not symmetric, as the model is not: mirrored about {mirror}, it is up to "
+        f"{100 * asymmetry:.2g} % of the diagonal from itself (expected at most "
+        f"{100 * MAX_MODEL_ASYMMETRY:g} %); name an axis (x, y or z) to build a symmetric cage "
+        "all the same"
+    )
 
 
 class _PlaneSearch:

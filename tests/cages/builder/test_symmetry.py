@@ -1,3 +1,5 @@
+import re
+
 import numpy as np
 import pytest
 
@@ -28,7 +30,7 @@ def make_wedge():
 @pytest.mark.parametrize("turn", [None, 1, 2])
 def test_the_plane_of_a_model_is_found_wherever_it_is(turn):
     shift = np.array([5.0, 0, -3])
-    mirror = find_symmetry(moved(make_wedge(), shift, 2.0, turn), "auto")
+    mirror, _ = find_symmetry(moved(make_wedge(), shift, 2.0, turn), "auto")
     matrix = np.eye(3) if turn is None else rotation(turn)
     expected = Mirror(matrix @ [0, 0, 1], 2 * matrix @ [0, 0, 0.5] + shift)
     assert mirror is not None
@@ -41,22 +43,29 @@ def test_a_model_may_be_asymmetric_by_half_a_percent(bulge, is_found):
     model = make_wedge()
     vertices = model.vertices.copy()
     vertices[vertices[:, 2].argmax(), 2] += bulge * model.diagonal
-    assert (find_symmetry(changed(model, vertices=vertices), "auto") is not None) == is_found
+    mirror, note = find_symmetry(changed(model, vertices=vertices), "auto")
+    assert (mirror is not None) == is_found == (note is None)
+    if note is not None:
+        assert "the cage is not symmetric, as the model is not: mirrored about the plane" in note
+        assert re.search(
+            r"up to 0\.[67]\d* % of the diagonal from itself \(expected .* 0.5 %", note
+        )
 
 
 def test_a_plane_that_is_stated_is_taken_whatever_the_model():
     model = moved(make_wedge(), (-0.4, 0, 0), turn=3)
-    assert find_symmetry(model, "off") is None
-    mirror = find_symmetry(model, "y")
+    assert find_symmetry(model, "off") == (None, None)
+    mirror, _ = find_symmetry(model, "y")
     assert mirror is not None
     np.testing.assert_array_equal(mirror.normal, [0, 1, 0])
-    assert find_symmetry(changed(model, vertices=np.zeros_like(model.vertices)), "y") is None
+    point = changed(model, vertices=np.zeros_like(model.vertices))
+    assert find_symmetry(point, "y") == (None, None)
 
 
 def test_a_coordinate_plane_through_the_origin_is_taken_if_it_fits():
     """That of the box is 0; a box that is moved has another."""
     for shift in (0.0, 0.25):
-        mirror = find_symmetry(moved(box(), (shift, 0, 0)), "x")
+        mirror, _ = find_symmetry(moved(box(), (shift, 0, 0)), "x")
         assert mirror is not None
         np.testing.assert_allclose(mirror.point[0], shift, rtol=0, atol=1e-12)
     assert mirror.point[0] != 0
