@@ -49,13 +49,10 @@ def measure_gap_closed(result: Result) -> float | None:
     """Return how much of the gap to the best possible error the fit closes, in percent.
 
     None if the weights are not fitted to this clip, or there is no gap, or a fit made it wider; and
-    if that error is zero by counting, since there are fewer displacements than singular values.
+    if that error is zero by counting.
     """
     bound = result.bound
-    if result.fit is None or bound is None or not is_fitted_to_clip(result):
-        return None
-    frames = len(result.frames) - len(result.gaps)
-    if min(3 * frames, bound.vertices) <= bound.points:
+    if result.fit is None or bound is None or bound.is_trivial or not is_fitted_to_clip(result):
         return None
     before, after = (
         error.rms for error in (result.fit.report.fitted.unfitted, result.fit.report.fitted.fitted)

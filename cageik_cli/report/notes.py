@@ -12,7 +12,7 @@ from cageik_cli.captured.settings import AUTO_SMOOTHING
 from cageik_cli.geometry.mesh import signed_volumes
 from cageik_cli.geometry.parts import name_vertex
 from cageik_cli.method.solve.regions import Cause
-from cageik_cli.report.figures import ReportSummary, format_percent
+from cageik_cli.report.figures import ReportSummary, format_briefly, format_percent
 from cageik_cli.report.fit_rows import list_fit_notes
 from cageik_cli.report.limits import Limits, list_limit_notes, missing_in_baseline
 from cageik_cli.report.regions import list_region_notes
@@ -323,7 +323,13 @@ def _name_frames(result: Result, frames: Integers, max_named: int = 5) -> str:
 
 
 def judge_quality(rms_percent: float, max_deviation_percent: float) -> str:
-    """Return a key of `QUALITY_WORDS`; both errors are in percent of the diagonal."""
+    """Return a key of `QUALITY_WORDS`; both errors are in percent of the diagonal.
+
+    They are compared as they are shown beside the word.
+    """
+    rms_percent, max_deviation_percent = (
+        float(format_briefly(error)) for error in (rms_percent, max_deviation_percent)
+    )
     if rms_percent <= MAX_GOOD_RMS and max_deviation_percent <= MAX_GOOD_DEVIATION:
         return "good"
     if rms_percent <= MAX_FAIR_RMS and max_deviation_percent <= MAX_FAIR_DEVIATION:

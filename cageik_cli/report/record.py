@@ -291,7 +291,7 @@ def _summarize_fit(result: Result) -> dict[str, Any]:
     fit, bound = result.fit, result.bound
     held_out = fit.report.held_out_blocks if fit is not None and is_fitted_to_clip(result) else None
     return {
-        "best_possible_percent": None if bound is None else bound.rms_percent,
+        "best_possible_percent": (None if bound is None or bound.is_trivial else bound.rms_percent),
         "gap_closed_percent": measure_gap_closed(result),
         "held_out_rms_percent": None if held_out is None else held_out.fitted.rms,
     }

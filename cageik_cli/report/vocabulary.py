@@ -91,9 +91,10 @@ MEANINGS = (
     (
         "Best possible error",
         "√( Σ σ² / s F ), σ beyond the n largest",
-        "No weights that reproduce the rest pose, and cages of n vertices, can be below it; it is "
-        "0 for at most n / 3 frames. The singular values σ are those of "
-        "the aligned displacements of s vertices in all F frames. Fitted weights come near to it.",
+        "No weights that reproduce the rest pose, and cages of n vertices, can be below it. It is "
+        "not stated for frames so few, or so often repeated, that they have n dimensions. The "
+        "singular values σ are those of the aligned displacements of s vertices in all F frames. "
+        "Fitted weights come near to it.",
     ),
     (
         "Error of frames kept aside",

@@ -25,6 +25,8 @@ FIT = "extract again with `fit=True` `overwrite=True`"
     [
         (MAX_GOOD_RMS, MAX_GOOD_DEVIATION, "good"),
         (MAX_GOOD_RMS + 0.01, MAX_GOOD_DEVIATION, "fair"),
+        (MAX_GOOD_RMS + 0.004, MAX_GOOD_DEVIATION + 0.04, "good"),  # shown as 0.30 and 3.0
+        (MAX_FAIR_RMS + 0.004, MAX_FAIR_DEVIATION + 0.04, "fair"),
         (MAX_GOOD_RMS, MAX_GOOD_DEVIATION + 0.1, "fair"),
         (MAX_FAIR_RMS, MAX_FAIR_DEVIATION, "fair"),
         (MAX_FAIR_RMS + 0.01, 0.0, "poor"),

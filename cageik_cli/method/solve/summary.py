@@ -18,6 +18,9 @@ from cageik_cli.method.solve.metrics import DeviationPeaks
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.messages import Said
 
+MIN_BOUND_PERCENT = 1e-3
+"""A smaller bound is zero by counting, and rounding: the motion has no more dimensions than n."""
+
 MAX_BRIDGED_FRAMES = 10
 """Frames in a row for which the motion around them tells where occluded vertices are, at most."""
 
@@ -33,6 +36,11 @@ class VertexBound:
     rms_percent: float
     points: int
     vertices: int
+
+    @property
+    def is_trivial(self) -> bool:
+        """Return whether it is zero by counting: frames are few, or repeat, and it says nothing."""
+        return self.rms_percent < MIN_BOUND_PERCENT
 
 
 class VertexBoundAccumulator:

@@ -99,11 +99,11 @@ def _error_rows(report: Report) -> list[Row]:
 def _bound_rows(report: Report) -> list[Row]:
     """Say which error weights cannot be below, and how much of the way to it a fit takes."""
     bound, closed = report.bound, report.summary.gap_closed_percent
-    if bound is None:
+    if bound is None or bound.is_trivial:
         return []
     total = report.clip.vertices
     where = "" if bound.vertices >= total else f", measured on {bound.vertices} of {total} vertices"
-    text = f"{format_percent(bound.rms_percent)} % with any weights{where}"
+    text = f"{format_percent(bound.rms_percent)} % with any weights and cages{where}"
     if closed is not None:
         text += f"; the fit takes {closed:.0f} % of the way from the unfitted error to it"
     return [("best possible", text)]
