@@ -141,7 +141,10 @@ def format_fit_rows(record: FitRecord, is_verbose: bool = False) -> list[Row]:
     chosen = "; the strength was chosen on these" if report.ladder else ""
     if held_out is not None:
         blocks = min(MAX_HELD_OUT_BLOCKS, max((clip.frames for clip in record.clips), default=0))
-        kept_aside = f"{_format_comparison(held_out)}; every 2nd of {blocks} blocks{chosen}"
+        kept_aside = (
+            f"{_format_comparison(held_out)}; every 2nd of {blocks} blocks, between the fitted "
+            f"frames{chosen}"
+        )
     if report.unseen_third is not None:
         third = f"{_format_comparison(report.unseen_third)}{chosen}"
     rows = [("fit", _describe_settings(record))]

@@ -92,7 +92,9 @@ MAX_ADVISED_VERTICES = 400
 def list_notes(
     result: StoredAnimation, name: str, summary: ReportSummary, limits: Limits
 ) -> tuple[Note, ...]:
-    """List all notes, first those that a file holds; a baseline knows the result by `name`.
+    """List all notes; a baseline knows the result by `name`.
+
+    Warnings come first, then notes on how good a result is, then those on the files it came from.
 
     Nothing stands out of an edit: how far it moves what is up to who made it.
     """
@@ -108,7 +110,8 @@ def list_notes(
         *outliers,
         *missing_in_baseline(name, summary, limits),
     )
-    return (*result.notes, *map(Note, found))
+    every = (*map(Note, found), *result.notes)
+    return tuple(sorted(every, key=lambda note: note.kind != "warning"))
 
 
 def list_clip_notes(result: Result) -> list[Said]:

@@ -101,7 +101,8 @@ MEANINGS = (
         "",
         "Of weights that are fitted to the clip: the error of frames that a second fit did not "
         "see. Each clip is cut into ten blocks, and every second one is kept aside; or the last "
-        "third is. It tells how well the weights follow other motion.",
+        "third is. The blocks lie between fitted frames, and the last third behind them: motion "
+        "that is unlike them may have several times the error.",
     ),
     (
         "Volume change",

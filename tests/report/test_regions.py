@@ -116,7 +116,7 @@ def test_a_result_within_the_usual_says_nothing(result, poses):
 def test_an_earlier_result_says_that_it_does_not_know(result):
     report = build_report(replace(result, regions=None))
     assert report.regions is None
-    assert texts(report.notes) == (*texts(result.notes), REGIONS_UNKNOWN)
+    assert texts(report.notes) == (REGIONS_UNKNOWN, *texts(result.notes))
     assert "extract it again" in format_text(report)
     assert REGIONS_UNKNOWN in render_page(report)
     usual = replace(within_the_usual(result), regions=None)

@@ -15,6 +15,7 @@ from cageik_cli.report.notes import (
     suggest_step,
 )
 from cageik_cli.report.record import build_report
+from cageik_cli.util.messages import Note
 from tests.shapes import ball
 
 FIT = "extract again with `fit=True` `overwrite=True`"
@@ -116,3 +117,12 @@ def test_outliers_are_not_rejected_twice(closed, monkeypatch):
     assert "`robust=True`" in str(suggest_step(closed.result, 1.0, 5.0))
     robust = replace(closed.result, settings={**closed.result.settings, "robust": True})
     assert "`robust=True`" not in str(suggest_step(robust, 1.0, 5.0))
+
+
+def test_warnings_come_first_then_notes_on_the_result_then_those_on_files(closed):
+    """What hides on the first page is what changes least."""
+    unit, inward = Note("no file states its unit"), Note("the faces turn inward", "warning")
+    noted = replace(closed.result, notes=(unit, inward), regions=None)
+    found = build_report(noted).notes
+    assert (found[0], found[-1]) == (inward, unit)
+    assert len(found) > 2
