@@ -289,7 +289,7 @@ def freeze_indices(noun: str, values: ArrayLike, lowest: int, count: int | None)
         raise FormatError(
             f"{noun} are {array.dtype} of shape {array.shape}, expected a list of whole numbers"
         )
-    array = array.astype(np.int64)
+    array = array.astype(np.int64, copy=array.flags.writeable)
     if array.size and (array.min() < lowest or (count is not None and array.max() >= count)):
         most = "" if count is None else f" to {count - 1}"
         raise FormatError(
@@ -402,6 +402,17 @@ class SurfaceAttributes:
         )
 
     @property
+    def nbytes(self) -> int:
+        """Bytes of the polygons and of their layers."""
+        size = self.corner_counts.nbytes + self.corners.nbytes
+        for held in (getattr(self, name) for name in LAYERS):
+            if isinstance(held, UvMap):
+                size += held.values.nbytes
+            if held is not None:
+                size += (held.indices if isinstance(held, UvMap | FaceLabels) else held).nbytes
+        return size
+
+    @property
     def description(self) -> str:
         """What there is, for people."""
         layers = ((layer.noun, getattr(self, name)) for name, layer in LAYERS.items())
@@ -452,9 +463,10 @@ class SurfaceAttributes:
         if self.parts is not None:
             total = int(self.parts.vertex_counts.sum())
             _check_length("vertices of parts", total, "vertices", vertex_count)
-            owners = np.repeat(np.arange(len(self.parts.names)), self.parts.vertex_counts)
+            numbers = np.arange(len(self.parts.names), dtype=np.int32)
+            owners = np.repeat(numbers, self.parts.vertex_counts)
             corners = [int(self.corner_counts[k].sum()) for k in self.parts.polygon_slices]
-            if (owners[self.corners] != np.repeat(np.arange(len(corners)), corners)).any():
+            if (owners[self.corners] != np.repeat(numbers, corners)).any():
                 raise FormatError("a face of one part has a vertex of another")
 
     def check_cut(self, faces: Integers) -> None:
@@ -591,7 +603,8 @@ def _check_fans(fans: Integers, corners: Integers) -> None:
 
 def make_part_transform(matrix: Floats) -> Floats:
     """Return the transform (4, 4) of a part; none if points cannot be moved back from it."""
-    if not np.allclose(matrix[:, 3], [0, 0, 0, 1]) or not np.isfinite(matrix).all():
+    is_affine = matrix[:, 3].tolist() == [0, 0, 0, 1] or np.allclose(matrix[:, 3], [0, 0, 0, 1])
+    if not is_affine or not np.isfinite(matrix).all():
         return np.eye(4)
     affine = matrix.copy()
     affine[:, 3] = [0, 0, 0, 1]

@@ -131,6 +131,11 @@ class TriMesh:
         return self.attributes or SurfaceAttributes(counts, self.faces.ravel())
 
     @property
+    def nbytes(self) -> int:
+        """Bytes of its arrays, as a part of a model."""
+        return self.vertices.nbytes + self.faces.nbytes + self.polygons.nbytes
+
+    @property
     def shaded(self) -> SurfaceAttributes | None:
         """The attributes, if they say which corners share a normal."""
         return None if self.polygons.normal_fans is None else self.polygons
@@ -312,7 +317,7 @@ def _validate_faces(faces: ArrayLike, vertex_count: int) -> Integers:
         raise FormatError(f"faces have shape {array.shape}, expected (count, 3) triangles")
     if not np.issubdtype(array.dtype, np.integer):
         raise FormatError(f"faces are {array.dtype} numbers, expected integers")
-    array = array.astype(np.int64)
+    array = array.astype(np.int64, copy=False)
     wrong = (array < 0) | (array >= vertex_count)
     if wrong.any():
         face = int(np.argmax(wrong.any(axis=1)))

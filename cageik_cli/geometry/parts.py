@@ -222,11 +222,12 @@ def join_meshes(
         ),
         **{name: _join_layer(name, given[name], sizes[LAYERS[name].domain]) for name in LAYERS},
     )
-    return TriMesh(
-        np.concatenate([mesh.vertices for mesh in meshes]),
-        np.concatenate([mesh.faces + at for mesh, at in zip(meshes, bounds[:-1], strict=True)]),
-        joined,
-    )
+    vertices = np.concatenate([mesh.vertices for mesh in meshes])
+    faces = np.concatenate([mesh.faces for mesh in meshes])
+    faces += np.repeat(bounds[:-1], [len(mesh.faces) for mesh in meshes])[:, None]
+    for array in (vertices, faces):
+        array.flags.writeable = False  # so that they are not copied
+    return TriMesh(vertices, faces, joined)
 
 
 def _join_layer(name: str, given: Sequence[Any], sizes: Sequence[int]) -> Any:
@@ -267,8 +268,11 @@ def _join_layer(name: str, given: Sequence[Any], sizes: Sequence[int]) -> Any:
 
 def _shift_and_join(numbers: Sequence[Integers], bounds: Integers) -> Integers:
     """Join numbers that count from 0 in each part; `NONE` stays."""
-    pairs = zip(numbers, bounds[: len(numbers)], strict=True)
-    return np.concatenate([np.where(own == NONE, NONE, own + start) for own, start in pairs])
+    joined = np.concatenate(numbers)
+    starts = np.repeat(bounds[: len(numbers)], [len(own) for own in numbers])
+    np.add(joined, starts, out=joined, where=joined != NONE)
+    joined.flags.writeable = False  # so that it is not copied
+    return joined
 
 
 def _join_materials(
@@ -305,9 +309,10 @@ def _join_subdivisions(given: Sequence[Subdivision], bounds: Integers) -> Subdiv
     schemes = tuple(each.scheme for each in given)
     is_alike = len(set(schemes)) == 1
     is_by_crease = [len(each.crease_sharpness) == len(each.crease_lengths) for each in given]
+    is_mixed = not all(is_by_crease)
     sharpness = [
         np.repeat(each.crease_sharpness, each.crease_lengths - 1)
-        if by_crease and not all(is_by_crease)
+        if by_crease and is_mixed
         else each.crease_sharpness
         for each, by_crease in zip(given, is_by_crease, strict=True)
     ]

@@ -112,10 +112,8 @@ class Reader(SceneReader):
             ISubD,
         )
 
-        self._archive, self._claimed = (
-            IArchive(require_unicode(path)),
-            ClaimedBytes(path.stat().st_size),
-        )
+        self._archive = IArchive(require_unicode(path))
+        self.claimed = ClaimedBytes(path.stat().st_size)
         self._stated_rates: list[str] = []
         objects, first = list(_iterate_descendants(self._archive.getTop())), ISampleSelector(0)
         meshes = [thing for thing in objects if _is_any(thing, IPolyMesh, ISubD)]
@@ -140,7 +138,7 @@ class Reader(SceneReader):
     def open_mesh(self, found: Any) -> "AlembicMesh":
         """Open an object."""
         self._stated_rates.append(found.getMetaData().get(FPS_KEY))
-        return AlembicMesh(found, self._claimed)
+        return AlembicMesh(found, self.claimed)
 
     def is_empty(self, found: Any) -> bool:
         """Return whether an object has no points or no faces in its first sample."""
@@ -210,7 +208,8 @@ class AlembicMesh(SceneMesh):
         self._is_subdivided = _is_any(thing, ISubD)
         self._schema = _open_schema(thing)
         self._vertex_count, self._misstated = 0, list[str]()
-        self._claimed, self._points = claimed, self._schema.getPositionsProperty()
+        self._claimed = claimed.distinguish(_find_source(thing))
+        self._points = self._schema.getPositionsProperty()
         self._transforms = find_transforms(thing)
 
     def list_times(self) -> set[float]:
@@ -388,6 +387,15 @@ def _open_schema(thing: Any) -> Any:
 def _is_any(thing: Any, *kinds: Any) -> bool:
     """Return whether an object is of one of some kinds."""
     return any(kind.matches(thing.getHeader()) for kind in kinds)
+
+
+def _find_source(thing: Any) -> str:
+    """Return the path of an object in the file: instances have one of what they are copies of."""
+    path = ""
+    while thing.isInstanceDescendant() and not thing.isInstanceRoot():
+        path = f"/{thing.getName()}{path}"
+        thing = thing.getParent()
+    return str(thing.instanceSourcePath() or thing.getFullName()) + path
 
 
 def _iterate_descendants(thing: Any) -> Iterator[Any]:

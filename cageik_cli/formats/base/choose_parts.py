@@ -54,7 +54,7 @@ def choose_parts(
         raise SettingError(say("`exclude=` leaves none of its meshes; give fewer patterns"))
     seen = [path for path in chosen if path not in reasons]
     shown = [path for path in seen if path not in hidden or path == top]
-    unseen = {path: hidden[path] for path in seen if path not in shown}
+    unseen = {path: hidden[path] for path in seen if path in hidden and path != top}
     if shown:
         return shown, _describe("left out", reasons | unseen)
     return seen, [*_describe("left out", reasons), *_describe("no other mesh than", unseen)]

@@ -5,6 +5,7 @@ import gzip
 import hashlib
 import io
 import zlib
+from collections.abc import Hashable
 from functools import cache
 from importlib import import_module
 from math import prod
@@ -17,7 +18,8 @@ import numpy as np
 import cageik_cli.formats
 from cageik_cli.util.errors import FileAccessError, FormatError, error_context
 from cageik_cli.util.files import open_input
-from cageik_cli.util.text import to_unicode
+from cageik_cli.util.messages import say
+from cageik_cli.util.text import format_bytes, to_unicode
 
 GZIP_SUFFIX = ".gz"
 
@@ -26,6 +28,15 @@ MAX_UNPACKED_RATIO = 40
 
 MIN_UNPACKED_LIMIT = 1 << 20
 """Bytes that may be unpacked in any case."""
+
+MAX_INSTANCED_BYTES = 320 << 20
+"""Memory that meshes and their instances may take in any case; joining them takes as much again."""
+
+PART_BYTES = 5000
+"""Memory that a part takes besides its arrays: its paths, its transforms and what reads it."""
+
+TEXT_SAMPLE_BYTES = 80
+"""Bytes behind a mark of Unicode that tell whether a file is a text: most are letters."""
 
 
 def with_gzip(*suffixes: str) -> tuple[str, ...]:
@@ -78,23 +89,64 @@ def check_unpacked_size(size: int, packed: int) -> None:
         )
 
 
-TEXT_SAMPLE_BYTES = 80
-"""Bytes behind a mark of Unicode that tell whether a file is a text: most are letters."""
-
-
 class ClaimedBytes:
     """Counts the bytes of the arrays of a file, which may name one array a million times.
+
+    Instances of a mesh are no sign of damage. What they read again is counted apart, and so is what
+    the meshes take in memory. Only beyond `MAX_INSTANCED_BYTES` of either, instances count as all
+    else does.
 
     `packed` is the size of the file, or of all files that were read for it.
     """
 
     def __init__(self, packed: int) -> None:
-        self.packed, self._claimed = packed, 0
+        self.packed, self._claimed, self._copied, self._held = packed, 0, 0, 0
+        self._seen: set[Hashable] = set()
 
     def claim(self, size: int) -> None:
         """Count bytes that are taken; refuse too many, as `check_unpacked_size` does."""
         self._claimed += size
         check_unpacked_size(self._claimed, self.packed)
+
+    def claim_copy(self, size: int) -> None:
+        """Count bytes that an instance takes of what the file holds once; refuse too many."""
+        self._copied += size
+        self._check_instances()
+
+    def hold(self, size: int) -> None:
+        """Count bytes that meshes take in memory, with their instances; refuse too many."""
+        self._held += size
+        self._check_instances()
+
+    def distinguish(self, source: Hashable) -> "ClaimedBytes":
+        """Return what counts the arrays of a mesh: as copies, if its source was here before."""
+        if source in self._seen:
+            return _CopiedBytes(self)
+        self._seen.add(source)
+        return self
+
+    def _check_instances(self) -> None:
+        taken = max(self._copied, self._held)
+        is_packed = self._claimed + self._copied > compute_unpacked_limit(self.packed)
+        if taken > MAX_INSTANCED_BYTES and is_packed:
+            raise FormatError(
+                f"takes at least {format_bytes(taken)} of memory with all instances of its meshes, "
+                f"expected at most {format_bytes(MAX_INSTANCED_BYTES)}, as the file has "
+                f"{format_bytes(self.packed)}; name one of its groups as FILE::PATH"
+                + say(", leave some out by `exclude=`, or export fewer instances")
+            )
+
+
+class _CopiedBytes(ClaimedBytes):
+    """Counts the bytes of arrays that were counted before, of the mesh that one is a copy of."""
+
+    def __init__(self, whole: ClaimedBytes) -> None:
+        super().__init__(whole.packed)
+        self._whole = whole
+
+    def claim(self, size: int) -> None:
+        """Count bytes that are taken as those of a copy."""
+        self._whole.claim_copy(size)
 
 
 def check_unpacked_array(shape: tuple[int, ...], kind: np.dtype[Any], packed: int) -> None:

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cageik_cli.formats.base.choose_parts import choose_parts
-from cageik_cli.formats.base.files import hash_file
+from cageik_cli.formats.base.files import PART_BYTES, ClaimedBytes, hash_file
 from cageik_cli.formats.base.mesh_data import FileMesh, LayerReaders, describe_cut, describe_folded
 from cageik_cli.formats.base.readers import ClipFile
 from cageik_cli.formats.base.sequence import ClipRequest
@@ -138,6 +138,8 @@ class SceneReader(ClipFile):
 
     Attributes
     ----------
+    claimed : ClaimedBytes
+        Counts what is taken of the file; of `list_meshes`.
     library : str
         What opens the file, and may end the process on a damaged one; nothing where only cageik
         reads it.
@@ -152,6 +154,7 @@ class SceneReader(ClipFile):
     winding_note = ""
     others: Mapping[str, str] = MappingProxyType({})
     library = ""
+    claimed: ClaimedBytes
 
     def check_file(self, path: Path) -> None:  # some have no library
         """Refuse a file, or a missing library, before the library opens the file."""
@@ -296,9 +299,11 @@ class SceneReader(ClipFile):
             )
         empty = [name for name in names if len(names) > 1 and self.is_empty(found[name])]
         if 0 < len(empty) < len(names):  # placeholders; alone, one is refused
-            names = [name for name in names if name not in set(empty)]
+            lacking = set(empty)
+            names = [name for name in names if name not in lacking]
             notes.append(f"left out {join_truncated(empty)} (no points or no faces)")
         self._meshes: dict[str, SceneMesh] = {}
+        self.claimed.hold(PART_BYTES * len(names))
         for name in names:
             with error_context(name):
                 self._meshes[name] = self.open_mesh(found[name])
@@ -329,6 +334,7 @@ class SceneReader(ClipFile):
             with error_context(name):
                 read = mesh.read_mesh(request.complete_first(mesh.read_moved(time)), time)
                 meshes.append(read.make_mesh())
+                self.claimed.hold(meshes[-1].nbytes)
             transforms.append(make_part_transform(mesh.compute_matrix(time)))
             polygons += read.polygon_count
             turned = [self.winding_note] if mesh.is_clockwise and self.winding_note else []

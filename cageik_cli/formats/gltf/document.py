@@ -180,12 +180,14 @@ class Document:
         Its JSON.
     files : list of Path
         The file itself, and those of its buffers that were read.
+    claimed : ClaimedBytes
+        Counts what is taken of them.
     """
 
     def __init__(self, path: Path) -> None:
         self.files = [path]
         data = read_input(path, MAX_GLTF_BYTES, "a smaller file")
-        self._claimed = ClaimedBytes(len(data))
+        self.claimed = ClaimedBytes(len(data))
         text, self._binary = _split_chunks(data)
         self.root = Item(parse_json(text, GLTF_JSON), "")
         asset = self.root.find_item("asset")
@@ -216,7 +218,7 @@ class Document:
 
         A file of a few bytes can say that it holds the same numbers, or zeros, a million times.
         """
-        self._claimed.claim(size)
+        self.claimed.claim(size)
 
     def read_view(self, number: int) -> tuple[memoryview, int | None]:
         """Return the bytes of a buffer view, and the bytes from one element to the next.
@@ -286,9 +288,9 @@ class Document:
         if not path.resolve().is_relative_to(folder.resolve()):
             raise FileAccessError("is in another folder, expected a file beside the .gltf")
         with error_context(name):
-            data = read_input(path, MAX_GLTF_BYTES - self._claimed.packed, "a smaller file")
+            data = read_input(path, MAX_GLTF_BYTES - self.claimed.packed, "a smaller file")
         self.files.append(path)
-        self._claimed.packed += len(data)
+        self.claimed.packed += len(data)
         return memoryview(data)
 
 

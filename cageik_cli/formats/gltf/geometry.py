@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cageik_cli.formats.base.mesh_data import FileMesh
 from cageik_cli.formats.gltf.document import (
     ACCESSORS,
     Document,
@@ -107,10 +108,13 @@ class Geometry:
         The vertex that each vertex of the pools became; -1 if no triangle has it.
     notes : list of str
         What was changed.
+    surfaces : dict
+        The mesh and its surface once it was read, by whether it is mirrored: of its first copy.
     """
 
     def __init__(self, document: Document, item: Item, skin: Skin | None) -> None:
         self._document = document
+        self.surfaces: dict[bool, FileMesh] = {}
         self.pools, triangles, materials, self.notes = _read_triangles(document, item)
         is_used = np.zeros(self.pools[-1].stop if self.pools else 0, bool)
         is_used[triangles] = True

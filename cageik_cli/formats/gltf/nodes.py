@@ -19,6 +19,9 @@ TRS_WIDTHS = {"translation": 3, "rotation": 4, "scale": 3}
 
 INSTANCING = "EXT_mesh_gpu_instancing"
 
+INSTANCE_BYTES = 400
+"""Memory of the place and the name of an instance, whether it is read or not."""
+
 INFLUENCE_SET_BYTES = 128
 """Memory that a set of four joints and weights takes at a vertex, as they are and sorted."""
 
@@ -209,7 +212,7 @@ def read_instances(document: Document, node: Item) -> Floats | None:
             "of each that is there; export the file again"
         )
     count = counts.pop()
-    document.claim(count * 400)  # bytes of the place and the name of a copy
+    document.claimed.claim_copy(count * INSTANCE_BYTES)
     values = make_still_values(count)
     for name, number in numbers.items():
         values[name] = np.asarray(read_floats(document, number, (TRS_WIDTHS[name],)), np.float64)

@@ -6,7 +6,7 @@ Samplers of an animation give values at keys and between them, and the frames th
 from bisect import bisect_left
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from math import floor
 from pathlib import Path
@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from cageik_cli.formats.base.mesh_data import LayerReaders
+from cageik_cli.formats.base.mesh_data import FileMesh, LayerReaders
 from cageik_cli.formats.base.scene_graph import Polygons, SceneMesh, SceneReader, find_step, snap
 from cageik_cli.formats.base.sequence import ClipRequest
 from cageik_cli.formats.gltf.document import Document, Item, count_rows, read_floats
@@ -80,6 +80,7 @@ class Reader(SceneReader):
     def list_meshes(self, path: Path) -> tuple[dict[str, Any], dict[str, str]]:
         """Read the document, and list the nodes that have meshes."""
         self._document = document = Document(path)
+        self.claimed = document.claimed
         if document.left_out:
             self._warnings.append(
                 f"needs {join_truncated(document.left_out)}, which move no vertex and are not kept"
@@ -150,7 +151,7 @@ class Reader(SceneReader):
                 item = document.meshes[mesh]
                 self._geometries[key] = Geometry(document, item, rig.find_skin(skin))
         geometry = self._geometries[key]
-        document.claim(12 * len(geometry.base))
+        document.claimed.claim_copy(12 * len(geometry.base))
         return GltfMesh(document, rig, geometry, node, skin=skin, instance=instance)
 
     def describe_scene(self, times: Floats, step: float | None) -> SceneHints:
@@ -249,6 +250,13 @@ class GltfMesh(SceneMesh):
         if self._skin is not None:
             moves = self._skin.compute_moves(self._rig.find_worlds(time))
         return self._geometry.evaluate(weights, moves)
+
+    def read_mesh(self, points: Floats, time: float) -> FileMesh:
+        """Return the mesh with these points; copies of a mesh share all else of it."""
+        is_mirrored, shared = self.is_mirrored(time), self._geometry.surfaces
+        if is_mirrored not in shared:
+            shared[is_mirrored] = super().read_mesh(points, time)
+        return replace(shared[is_mirrored], vertices=points)
 
     def read_polygons(self, time: float) -> Polygons:
         """Return the triangles."""

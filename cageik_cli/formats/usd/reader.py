@@ -1,7 +1,7 @@
 """A clip in USD: meshes whose points, transforms or rigs have time samples, and their surfaces."""
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import replace
 from functools import cached_property
@@ -91,8 +91,8 @@ class Reader(SceneReader):
         _ = check_layers(path)  # held, so that they are not read twice
         self._stage = Usd.Stage.Open(str(path))
         prims = list(Usd.PrimRange.Stage(self._stage, Usd.TraverseInstanceProxies()))
-        self._claimed = ClaimedBytes(sum(file.stat().st_size for file in self.files))
-        self._rigs = Rigs(self._claimed)
+        self.claimed = ClaimedBytes(sum(file.stat().st_size for file in self.files))
+        self._rigs = Rigs()
         self._names = _name_parts(prims)
         meshes = {name: self._stage.GetPrimAtPath(path) for path, name in self._names.items()}
         scattered = _list_scattered(prims)
@@ -115,7 +115,7 @@ class Reader(SceneReader):
 
     def open_mesh(self, found: Any) -> "UsdSceneMesh":
         """Open a prim, and find the rig that poses it."""
-        return UsdSceneMesh(found, self._claimed, self._rigs)
+        return UsdSceneMesh(found, self.claimed, self._rigs)
 
     def is_empty(self, found: Any) -> bool:
         """Return whether a prim states that it has no points, or no faces, at its first time.
@@ -241,8 +241,9 @@ class UsdSceneMesh(SceneMesh):
     def __init__(self, prim: Any, claimed: ClaimedBytes, rigs: Rigs) -> None:
         from pxr import UsdGeom
 
-        self._mesh, self._claimed = UsdGeom.Mesh(prim), claimed
-        self._pose = rigs.find_pose(self._mesh)
+        self._mesh = UsdGeom.Mesh(prim)
+        self._claimed = claimed.distinguish(_find_source(self._mesh))
+        self._pose = rigs.find_pose(self._mesh, self._claimed)
         self._transform_times = _find_transform_times(self._pose.placed_by if self._pose else prim)
         self.is_clockwise = self._mesh.GetOrientationAttr().Get() == UsdGeom.Tokens.leftHanded
 
@@ -347,6 +348,13 @@ def _read_array(attribute: Any, time: float, dtype_kind: str, shape: tuple[int, 
             "export it again"
         )
     return array
+
+
+def _find_source(mesh: Any) -> Hashable:
+    """Return where the faces of a mesh are stated: instances have them from one place."""
+    attributes = (mesh.GetPointsAttr(), mesh.GetFaceVertexIndicesAttr())
+    specs = [spec for each in attributes for spec in each.GetPropertyStack()]
+    return tuple((spec.layer.identifier, str(spec.path)) for spec in specs) or str(mesh.GetPath())
 
 
 def _name_parts(prims: list[Any]) -> dict[str, str]:

@@ -21,12 +21,11 @@ MAX_JOINT_DEPTH = 500
 class Rigs:
     """Finds what poses the meshes of a stage; each skeleton root is looked through once."""
 
-    def __init__(self, claimed: ClaimedBytes) -> None:
-        self._claimed = claimed
+    def __init__(self) -> None:
         self._caches: list[Any] = []  # held, for queries refer to them
         self._poses: dict[str, dict[str, tuple[Any, Any, Any]]] = {}
 
-    def find_pose(self, mesh: Any) -> "MeshPose | None":
+    def find_pose(self, mesh: Any, claimed: ClaimedBytes) -> "MeshPose | None":
         """Return what poses a mesh, if it is below a root and bound to a skeleton.
 
         Raises
@@ -43,7 +42,7 @@ class Rigs:
         if path not in self._poses:
             self._poses[path] = self._list_bound(root)
         bound = self._poses[path].get(str(mesh.GetPath()))
-        return None if bound is None else MeshPose(mesh, *bound, claimed=self._claimed)
+        return None if bound is None else MeshPose(mesh, *bound, claimed=claimed)
 
     def _list_bound(self, root: Any) -> dict[str, tuple[Any, Any, Any]]:
         """Return the skeleton, its query and the query of the skin of each bound mesh."""

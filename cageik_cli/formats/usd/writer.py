@@ -432,7 +432,7 @@ class SkeletonWriter(UsdWriter):
         with capture_diagnostics(OSError):
             stage = Usd.Stage.Open(str(self._target))
             claimed = ClaimedBytes(self._target.stat().st_size)
-            rigs = Rigs(claimed)
+            rigs = Rigs()
             meshes = [
                 UsdSceneMesh(stage.GetPrimAtPath(place), claimed, rigs) for place, _ in self._places
             ]
