@@ -29,7 +29,9 @@ from cageik_cli.geometry.rotations import nearest_rotations_by_svd
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import (
     ConnectivityError,
+    FileAccessError,
     FormatError,
+    InputError,
     error_context,
     join_truncated,
 )
@@ -54,6 +56,10 @@ MAX_KEYED_SHAPES = 2
 
 MAX_TRIED_SECONDS = 1.0
 """Seconds of a processor that frames behind the first are read for in a trial of their file."""
+
+
+MAX_MISSING_NAMED = 3
+"""Missing files that an error or notes name; others are counted."""
 
 
 class LibraryError(FormatError):
@@ -140,6 +146,8 @@ class SceneReader(ClipFile):
     ----------
     claimed : ClaimedBytes
         Counts what is taken of the file; of `list_meshes`.
+    lacking : sequence of str
+        What the scene refers to and is not there, a sentence each; of `list_meshes`.
     library : str
         What opens the file, and may end the process on a damaged one; nothing where only cageik
         reads it.
@@ -155,6 +163,7 @@ class SceneReader(ClipFile):
     others: Mapping[str, str] = MappingProxyType({})
     library = ""
     claimed: ClaimedBytes
+    lacking: Sequence[str] = ()
 
     def check_file(self, path: Path) -> None:  # some have no library
         """Refuse a file, or a missing library, before the library opens the file."""
@@ -255,8 +264,21 @@ class SceneReader(ClipFile):
                 if fault:
                     raise FormatError(fault)
             with self.guard() as warnings, trials.silence():
-                notes = self._open_clip(path, request)
-        said = (*notes, *warnings)
+                try:
+                    notes = self._open_clip(path, request)
+                except InputError as error:
+                    if not self.lacking:
+                        raise
+                    raise FileAccessError(
+                        f"{join_truncated(self.lacking, MAX_MISSING_NAMED)}; put what is missing "
+                        "there, or correct its path; without it: " + error.text
+                    ) from error
+        left_out = self.lacking[:MAX_MISSING_NAMED]
+        missing = [Note(f"{text}; it is left out", "warning") for text in left_out]
+        more = len(self.lacking) - len(missing)
+        if more:
+            missing.append(Note(f"{more} more that it refers to are not there", "warning"))
+        said = (*missing, *notes, *warnings)
         self.notes = tuple(
             Note(each.text, each.kind, path.name)
             if isinstance(each, Note)

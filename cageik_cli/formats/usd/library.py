@@ -11,6 +11,7 @@ from cageik_cli.formats.base.files import require_unicode
 from cageik_cli.util.errors import FormatError, error_context, require_optional
 from cageik_cli.util.files import check_input, open_input
 from cageik_cli.util.messages import Said
+from cageik_cli.util.text import to_unicode
 from cageik_cli.util.trial import trials
 
 USD_SUFFIXES = (".usd", ".usda", ".usdc", ".usdz")
@@ -63,6 +64,10 @@ def _format_diagnostic(diagnostic: Any) -> str:
         text = " ".join(diagnostic.commentary.split())
     except UnicodeDecodeError:
         return "its text is not UTF-8"
+    return _format_diagnostic_text(text)
+
+
+def _format_diagnostic_text(text: str) -> str:
     text = re.sub(r" matching pxrInternal.*? at ", " at ", text)
     text = re.sub(r" \(\w+ stage on stage .*\)$", "", text)
     return re.sub(r"@([^@]*)@", lambda layer: Path(layer[1]).name, text)
@@ -91,7 +96,8 @@ def check_layers(path: Path) -> list[Any]:
     seen, waiting = {name}, [name]
     while waiting:
         name = waiting.pop()
-        held, layer = Sdf.Layer.Find(name), Sdf.Layer.FindOrOpen(name)
+        held = Sdf.Layer.Find(name)
+        layer = Sdf.Layer.FindOrOpen(name) if not found else _open_named(name, path)
         if held is not None and not held.dirty:  # edits of someone else stay
             held.Reload()  # the file may have changed since another clip opened it
         if layer is None:
@@ -117,6 +123,76 @@ def check_layers(path: Path) -> list[Any]:
     if count > MAX_PRIMS:
         raise FormatError(f"its references make more than {MAX_PRIMS} prims; export the mesh alone")
     return found
+
+
+def _open_named(name: str, stage: Path) -> Any:
+    """Open a layer that others name; what is wrong with it is said of it."""
+    from pxr import Sdf
+
+    def make_error(cause: str) -> FormatError:
+        if _split_package(name).lower().endswith(".abc"):  # some builds of USD read them
+            return FormatError(
+                "is an Alembic archive, which usd-core does not read; give the archive itself, or "
+                "convert it to USD"
+            )
+        return FormatError(word_unsound(cause))
+
+    with error_context(shorten_path(name, stage)), capture_diagnostics(make_error):
+        return Sdf.Layer.FindOrOpen(name)
+
+
+def word_unsound(cause: str) -> str:
+    """Say what is wrong with a file that USD cannot read."""
+    return f"is not a sound USD file ({cause}); export it again"
+
+
+def shorten_path(name: str, stage: Path) -> str:
+    """Return the path of a file that a stage is composed of, from the folder of the stage on."""
+    file = Path(name)
+    folder = stage.parent.resolve()
+    return to_unicode(str(file.relative_to(folder) if file.is_relative_to(folder) else file))
+
+
+def list_missing(stage: Any, path: Path) -> dict[str, str]:
+    """Say which files and prims a stage is composed of are not there, by what USD says of each.
+
+    These are the sublayers, the references and payloads of the variants that are chosen, and the
+    value clips.
+    """
+    from pxr import Pcp, Usd
+
+    missing: dict[str, str] = {}
+    for error in stage.GetCompositionErrors():
+        said = _format_diagnostic_text(str(error))
+        names = re.search(r"@([^@]*)@(?:<([^>]*)>)?", str(error))
+        if names is None:
+            continue
+        file, prim = shorten_path(names[1], path), names[2]
+        if error.errorType == Pcp.ErrorType_UnresolvedPrimPath:
+            what = (
+                f"{'the default prim' if prim == 'defaultPrim' else f'the prim {prim}'} of {file}"
+            )
+        elif error.errorType in (
+            Pcp.ErrorType_InvalidAssetPath,
+            Pcp.ErrorType_InvalidSublayerPath,
+        ):
+            what = file
+        else:
+            continue
+        above = str(error.rootSite.path)
+        by = f"{above} refers to" if above != "/" else "has the sublayer"
+        missing[said] = f"{by} {what}, which is not there"
+    for prim in Usd.PrimRange.Stage(stage, Usd.TraverseInstanceProxies()):
+        if not prim.HasAuthoredMetadata("clips"):
+            continue
+        clips = Usd.ClipsAPI(prim)
+        for name in clips.GetClips() or ():
+            for asset in clips.ComputeClipAssetPaths(name):
+                if not asset.resolvedPath:
+                    file = shorten_path(asset.path, path)
+                    text = f"{prim.GetPath()} has the value clip {file}, which is not there"
+                    missing[f"{prim.GetPath()} {file}"] = text
+    return dict(sorted(missing.items()))  # USD composes in several threads
 
 
 def _check_nesting(path: Path) -> None:

@@ -1,12 +1,13 @@
 """A clip in USD: meshes whose points, transforms or rigs have time samples, and their surfaces."""
 
 from collections import Counter
-from collections.abc import Hashable, Sequence
-from contextlib import AbstractContextManager
+from collections.abc import Hashable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from functools import cached_property
 from math import ceil, floor, isfinite
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -32,7 +33,9 @@ from cageik_cli.formats.usd.library import (
     USD_SUFFIXES,
     capture_diagnostics,
     check_layers,
+    list_missing,
     require_usd,
+    word_unsound,
 )
 from cageik_cli.formats.usd.skinning import Rigs, describe_unposed
 from cageik_cli.geometry.attributes import (
@@ -73,16 +76,19 @@ class Reader(SceneReader):
     suffixes = USD_SUFFIXES
     library = "usd-core"
     winding_note = "left-handed faces turned"
+    _said_missing: Mapping[str, str] = MappingProxyType({})
 
     def check_file(self, path: Path) -> None:
         """Refuse what cannot be read without usd-core, which opens the layers itself."""
         require_usd(f"reading {path.suffix.lower()}")
 
-    def guard(self) -> AbstractContextManager[list[Said]]:
-        """Convert errors, and collect warnings."""
-        return capture_diagnostics(
-            lambda cause: LibraryError(f"is not a sound USD file ({cause}); export it again")
-        )
+    @contextmanager
+    def guard(self) -> Iterator[list[Said]]:
+        """Convert errors, and collect warnings but those on what is missing."""
+        with capture_diagnostics(lambda cause: LibraryError(word_unsound(cause))) as warnings:
+            yield warnings
+        known = self._said_missing
+        warnings[:] = [said for said in warnings if not any(one in str(said) for one in known)]
 
     def list_meshes(self, path: Path) -> tuple[dict[str, Any], dict[str, str]]:
         """Open the stage, whose files are checked first."""
@@ -90,6 +96,8 @@ class Reader(SceneReader):
 
         _ = check_layers(path)  # held, so that they are not read twice
         self._stage = Usd.Stage.Open(str(path))
+        self._said_missing = list_missing(self._stage, path)
+        self.lacking = list(self._said_missing.values())
         prims = list(Usd.PrimRange.Stage(self._stage, Usd.TraverseInstanceProxies()))
         self.claimed = ClaimedBytes(sum(file.stat().st_size for file in self.files))
         self._rigs = Rigs()

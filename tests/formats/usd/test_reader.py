@@ -214,7 +214,7 @@ def test_what_usd_warns_of_is_noted_and_not_printed(scene, tmp_path, capfd):
     path = tmp_path / "shot.usda"
     path.write_text("#usda 1.0\n(\n    subLayers = [@clip.usda@, @gone.usda@]\n)\n")
     assert texts(open_sequence([str(path)]).notes) == (
-        "shot.usda: USD warns: Could not load sublayer gone.usda of layer shot.usda; skipping.",
+        "warning: shot.usda: has the sublayer gone.usda, which is not there; it is left out",
     )
     assert capfd.readouterr().err == ""
 
