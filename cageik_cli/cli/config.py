@@ -23,7 +23,7 @@ from typing import Any
 import click
 
 from cageik_cli.cli.command import GroupedOption, spell_param
-from cageik_cli.util.errors import FileAccessError
+from cageik_cli.util.errors import FileAccessError, FormatError
 from cageik_cli.util.files import read_input
 from cageik_cli.util.settings import Setting
 
@@ -50,12 +50,12 @@ def apply_config(ctx: click.Context, param: click.Parameter, path: Path | None) 
 def read_tables(path: Path) -> dict[str, Any]:
     """Read a TOML file."""
     try:
-        text = read_input(path, MAX_CONFIG_BYTES).decode("utf-8-sig")
+        text = read_input(path, MAX_CONFIG_BYTES, may_be_empty=True).decode("utf-8-sig")
         part = r"""(?:[\w-]+|"[^"\n]*"|'[^'\n]*')"""
         if re.search(rf"(?<![\w-])(?:{part}[ \t]*\.[ \t]*){{{MAX_KEY_PARTS}}}", text):
             raise ValueError(f"a key has more than {MAX_KEY_PARTS} parts with dots between them")
         return tomllib.loads(text)
-    except (FileAccessError, ValueError, RecursionError) as error:
+    except (FileAccessError, FormatError, ValueError, RecursionError) as error:
         raise click.BadParameter(f"{path}: cannot be read as TOML: {error}") from error
 
 

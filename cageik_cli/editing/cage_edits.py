@@ -76,7 +76,7 @@ def read_cage_edits(path: Path) -> CageEdits:
         When its content is wrong; the message names the file, the edit and the field.
     """
     with error_context(path):
-        data = read_input(path, CAGE_EDITS_FORMAT.max_bytes, CAGE_EDITS_FORMAT.name)
+        data = read_input(path, CAGE_EDITS_FORMAT.max_bytes, CAGE_EDITS_FORMAT.name, is_json=True)
         return parse_cage_edits(path, data)
 
 

@@ -33,7 +33,7 @@ from cageik_cli.formats.base.writers import Animation, AnimationWriter
 from cageik_cli.formats.settings import LAYOUTS, SceneHints, parse_scene_metadata
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import FileAccessError, FormatError, SettingError, error_context
-from cageik_cli.util.files import check_input, open_input, read_input
+from cageik_cli.util.files import open_content, open_input, read_input
 from cageik_cli.util.messages import say
 
 VERTEX_NAMES = ("vertices", "verts", "V", "v")
@@ -393,7 +393,7 @@ def open_frame_weights(path: Path, frames: int, vertices: int) -> FrameWeightsFi
     if path.suffix.lower() != ".npy":
         return None
     with error_context(path):
-        check_input(path)
+        open_content(path).close()
         try:
             array = open_npy(path)
         except FormatError:

@@ -199,6 +199,6 @@ def write_built_cage(settings: ExtractSettings, cage: TriMesh) -> None:
     if path is None:
         return
     data = encode_exact_obj(cage.vertices, cage.faces)
-    is_kept = settings.resume and path.is_file() and read_input(path) == data
+    is_kept = settings.resume and path.is_file() and read_input(path, may_be_empty=True) == data
     if not is_kept:
         write_bytes(path, data, settings.overwrite)

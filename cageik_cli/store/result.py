@@ -56,7 +56,14 @@ from cageik_cli.store.hdf5_fields import (
 )
 from cageik_cli.store.result_fields import ClipSizes, declare_field, list_fields
 from cageik_cli.util.arrays import Floats, Integers, fill_gaps
-from cageik_cli.util.errors import CheckpointError, FileAccessError, FormatError, SettingError
+from cageik_cli.util.errors import (
+    CheckpointError,
+    FileAccessError,
+    FormatError,
+    SettingError,
+    error_context,
+)
+from cageik_cli.util.files import open_content
 from cageik_cli.util.messages import Note, Said, say
 from cageik_cli.util.outputs import DeferredErrorFile, atomic_file
 from cageik_cli.util.version import __version__
@@ -393,6 +400,9 @@ def read_animation(path: Path) -> Result | Edit:
         raise CheckpointError(
             f"{path}: is a checkpoint, not a result; " + say("rerun the command with `resume=True`")
         )
+    with error_context(path):
+        if path.is_file():
+            open_content(path).close()
     if path.is_dir() or (path.is_file() and not h5py.is_hdf5(path)):
         found = "a folder" if path.is_dir() else "not an HDF5 file"
         raise FormatError(

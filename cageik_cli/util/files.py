@@ -6,22 +6,34 @@ library opens them. A pipe would keep the run waiting, and a device has no end.
 One process at a time holds the lock of a checkpoint, a cache entry or a batch's folder.
 """
 
+import codecs
 import errno
 import io
 import os
+import re
 import stat
 import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeVar
 
-from cageik_cli.util.errors import FileAccessError
+from cageik_cli.util.errors import FileAccessError, FormatError
 from cageik_cli.util.text import format_bytes
 
 Value = TypeVar("Value")
 
 MAX_FILE_BYTES = 1 << 30
 """Bytes of a file that is read as a whole: a mesh of more than ten million vertices, in text."""
+
+HEAD_BYTES = 1024
+"""First bytes of a file, which tell whether it is what its name says."""
+
+POINTERS = (
+    (b"version https://git-lfs.github.com/spec/", "Git LFS", "git lfs pull"),
+    (b"version https://hawser.github.com/spec/", "Git LFS", "git lfs pull"),
+    (b"/annex/objects/", "git-annex", "git annex get"),
+)
+"""How files begin that stand for others, what makes them, and what gets the others."""
 
 if sys.platform == "win32":
     import msvcrt
@@ -91,14 +103,69 @@ def check_input(path: Path) -> None:
     open_input(path).close()
 
 
+def open_content(path: Path, *, is_json: bool = False, may_be_empty: bool = False) -> io.FileIO:
+    """Open a plain file as `open_input` does, and refuse what `check_content` does."""
+    file = open_input(path)
+    try:
+        check_content(file.read(HEAD_BYTES) or b"", is_json=is_json, may_be_empty=may_be_empty)
+        file.seek(0)
+    except OSError as error:
+        file.close()
+        raise FileAccessError(f"cannot be read: {error.strerror or error}") from error
+    except BaseException:
+        file.close()
+        raise
+    return file
+
+
+def check_content(head: bytes, *, is_json: bool = False, may_be_empty: bool = False) -> None:
+    """Refuse what came in place of a file, by its first bytes; nothing of it is quoted.
+
+    Parameters
+    ----------
+    head : bytes
+        The first `HEAD_BYTES` of the file, or all of a shorter one.
+    is_json : bool
+        Whether the file is one of JSON, which a server's message may be, too.
+
+    Raises
+    ------
+    FormatError
+        For an empty file, a pointer of Git LFS or git-annex, a web page, and XML or JSON, as
+        servers send it when they refuse a download. The message does not name the file.
+    """
+    text = head.removeprefix(codecs.BOM_UTF8).lstrip()
+    if not head and not may_be_empty:
+        raise FormatError("the file is empty; copy, download or export it again")
+    for start, kind, command in POINTERS:
+        if text.startswith(start):
+            raise FormatError(f"is a pointer of {kind}, not the file itself; get it by `{command}`")
+    if b"\0" in text:
+        return
+    again = "it may be what a server has sent in place of the file; download it again"
+    if re.match(rb"<(!doctype html|html|head|body|script|title|meta)\b", text, re.IGNORECASE) or (
+        re.match(rb"<[!?a-z]", text, re.IGNORECASE) and b"<html" in text.lower()
+    ):
+        raise FormatError(f"is a web page (HTML): {again}")
+    if re.match(rb"<[?!a-z]", text, re.IGNORECASE):
+        raise FormatError(f"is XML, such as a message of an error: {again}")
+    if not is_json and re.match(rb'\{\s*("|\})', text):
+        raise FormatError(f"is JSON, such as a message of an error: {again}")
+
+
 def read_input(
-    path: Path, max_bytes: int = MAX_FILE_BYTES, expected: str = "a smaller file"
+    path: Path,
+    max_bytes: int = MAX_FILE_BYTES,
+    expected: str = "a smaller file",
+    *,
+    is_json: bool = False,
+    may_be_empty: bool = False,
 ) -> bytes:
-    """Read a whole file of at most `max_bytes`, as `open_input` opens it.
+    """Read a whole file of at most `max_bytes`, as `open_content` opens it.
 
     The message on a larger one says to give what is `expected`.
     """
-    with open_input(path) as file:
+    with open_content(path, is_json=is_json, may_be_empty=may_be_empty) as file:
         try:
             size = os.fstat(file.fileno()).st_size
             data = b"" if size > max_bytes else _read_at_most(file, size, max_bytes + 1)

@@ -53,7 +53,7 @@ def read_json(path: Path, expected: JsonFormat) -> Any:
     FormatError
         As `parse_json`.
     """
-    return parse_json(read_input(path, expected.max_bytes, expected.name), expected)
+    return parse_json(read_input(path, expected.max_bytes, expected.name, is_json=True), expected)
 
 
 def parse_json(data: bytes, expected: JsonFormat) -> Any:

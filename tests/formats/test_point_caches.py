@@ -101,7 +101,7 @@ def test_a_single_time_says_nothing_of_speed(opened):
 def damage_header(make, size, *faces):
     """What may be wrong with every header: its length, its counts, and the size that they need."""
     return {
-        "empty": (b"", "0 bytes, a"),
+        "empty": (b"", "the file is empty"),
         "header cut": (make()[: size - 1], f"{size - 1} bytes, a"),
         "cut": (make()[:-4], "it is cut short"),
         "longer": (make() + b"\0", "it is damaged"),

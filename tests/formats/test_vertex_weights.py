@@ -53,7 +53,6 @@ def _edit(path, change):
         ("words.txt", lambda path: path.write_text("1 two 3")),
         ("binary.txt", lambda path: path.write_bytes(b"\xff\xfe\0")),
         ("text.npy", lambda path: path.write_text("1 2 3")),
-        ("empty.npy", lambda path: path.touch()),
         ("words.npy", lambda path: _saved(path, np.array(["a", "b"]))),
         ("complex.npy", lambda path: _saved(path, np.array([1 + 1j]))),
         ("objects.npy", lambda path: _saved(path, np.array([{}]), allow_pickle=True)),
@@ -65,6 +64,13 @@ def _edit(path, change):
 def test_what_is_no_list_of_numbers_is_refused(tmp_path, name, make):
     make(tmp_path / name)
     with refused(FormatError, "is not a list of numbers", at=tmp_path / name):
+        read_vertex_weights(tmp_path / name)
+
+
+@pytest.mark.parametrize("name", ["empty.npy", "empty.txt"])
+def test_an_empty_file_is_no_list_of_numbers(tmp_path, name):
+    (tmp_path / name).touch()
+    with refused(FormatError, "the file is empty", at=tmp_path / name):
         read_vertex_weights(tmp_path / name)
 
 

@@ -34,7 +34,8 @@ def test_json_is_read(path, text, value):
 FAULTS = {
     "not JSON": (b'{"a": 1,}', "line 1, column 9"),
     "a comment": (b"{\n  // no\n}", "line 2, column 3"),
-    "empty": (b"", "line 1, column 1"),
+    "empty": (b"", "the file is empty"),
+    "a blank": (b" ", "line 1, column 2"),
     "not UTF-8": (b'{"a": "\xff"}', "UTF-8 text at byte 7"),
     "deep": (b"[" * (MAX_DEPTH + 1) + b"]" * (MAX_DEPTH + 1), f"{MAX_DEPTH} levels deep"),
     "too deep for Python": (b"[" * 100_000, f"{MAX_DEPTH} levels deep"),

@@ -178,7 +178,7 @@ def read_handles(path: Path) -> Handles:
         When its content is wrong; the message names the file, the handle and the field.
     """
     with error_context(path):
-        data = read_input(path, HANDLES_FORMAT.max_bytes, HANDLES_FORMAT.name)
+        data = read_input(path, HANDLES_FORMAT.max_bytes, HANDLES_FORMAT.name, is_json=True)
         return parse_handles(path, data)
 
 

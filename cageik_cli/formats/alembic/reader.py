@@ -38,7 +38,7 @@ from cageik_cli.formats.settings import Scene, SceneHints, find_frame_step
 from cageik_cli.geometry.attributes import LAYERS, FaceLabels, Subdivision, SurfaceAttributes
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import ConnectivityError, FileAccessError, FormatError
-from cageik_cli.util.files import open_input
+from cageik_cli.util.files import open_content
 from cageik_cli.util.messages import Note, Said, say
 from cageik_cli.util.text import single_line
 
@@ -72,7 +72,7 @@ class Reader(SceneReader):
     def check_file(self, path: Path) -> None:
         """Refuse what the library would open as an empty archive, or not at all."""
         require_alembic("reading .abc")
-        with open_input(path) as stream:
+        with open_content(path) as stream:
             try:
                 header = stream.read(16)
             except OSError as error:

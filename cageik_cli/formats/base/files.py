@@ -17,7 +17,7 @@ import numpy as np
 
 import cageik_cli.formats
 from cageik_cli.util.errors import FileAccessError, FormatError, error_context
-from cageik_cli.util.files import open_input
+from cageik_cli.util.files import HEAD_BYTES, check_content, open_input
 from cageik_cli.util.messages import say
 from cageik_cli.util.text import format_bytes, to_unicode
 
@@ -171,14 +171,20 @@ def decompress(data: bytes, suffix: str) -> bytes:
         When it is damaged, or unpacks to more than `compute_unpacked_limit` says.
     """
     if not suffix.endswith(GZIP_SUFFIX):
-        return _to_utf8(data)
+        return _check_text(_to_utf8(data))
     limit = compute_unpacked_limit(len(data))
     try:
         content = gzip.GzipFile(fileobj=io.BytesIO(data)).read(limit + 1)
     except (OSError, EOFError, zlib.error) as error:
         raise FormatError(f"cannot be unpacked ({error}); pack or copy it again") from error
     check_unpacked_size(len(content), len(data))
-    return _to_utf8(content)
+    return _check_text(_to_utf8(content))
+
+
+def _check_text(content: bytes) -> bytes:
+    """Return the content, if it is not what came in place of the file."""
+    check_content(content[:HEAD_BYTES])
+    return content
 
 
 def _to_utf8(data: bytes) -> bytes:

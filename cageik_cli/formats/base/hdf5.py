@@ -25,7 +25,7 @@ from cageik_cli.geometry.attributes import (
 )
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.errors import FileAccessError, FormatError, OutputError, error_context
-from cageik_cli.util.files import check_input, repeat_if_interrupted
+from cageik_cli.util.files import open_content, repeat_if_interrupted
 from cageik_cli.util.messages import Said
 
 MAX_ATTRIBUTE_VALUES = 16
@@ -69,7 +69,7 @@ def open_file(path: Path) -> h5py.File:
     """Open a file for reading, to be closed by the caller."""
     if not path.exists():
         raise FileAccessError("no such file; check the path")
-    check_input(path)
+    open_content(path).close()
     try:
         return repeat_if_interrupted(lambda: h5py.File(path, "r"))
     except OSError as error:

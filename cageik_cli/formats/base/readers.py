@@ -41,7 +41,7 @@ from cageik_cli.util.errors import (
     SettingError,
     error_context,
 )
-from cageik_cli.util.files import open_input, read_input
+from cageik_cli.util.files import open_content, read_input
 from cageik_cli.util.messages import Note, Said, say
 from cageik_cli.util.text import to_unicode
 
@@ -183,8 +183,6 @@ def parse_mesh(reader: type[FrameFileReader], data: bytes, *, is_first: bool = T
 
     Only the first of several may be refused as points: others that lack their faces are cut off.
     """
-    if not data:
-        raise FormatError("the file is empty, expected a mesh; export it again")
     mesh = reader.parse(data)
     if is_first:
         check_not_points(len(mesh.vertices), len(mesh.corner_counts))
@@ -384,7 +382,7 @@ class BinaryFile:
     @staticmethod
     def open(path: Path) -> "BinaryFile":
         """Open a file for reading."""
-        return BinaryFile(open_input(path))
+        return BinaryFile(open_content(path))
 
     def read_header(self, layout: str, noun: str) -> tuple[Any, ...]:
         """Unpack what is at the beginning, as `struct` does; `noun` is what the file should be."""

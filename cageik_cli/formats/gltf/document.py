@@ -186,16 +186,20 @@ class Document:
 
     def __init__(self, path: Path) -> None:
         self.files = [path]
-        data = read_input(path, MAX_GLTF_BYTES, "a smaller file")
+        data = read_input(path, MAX_GLTF_BYTES, "a smaller file", is_json=True)
         self.claimed = ClaimedBytes(len(data))
         text, self._binary = _split_chunks(data)
         self.root = Item(parse_json(text, GLTF_JSON), "")
         asset = self.root.find_item("asset")
-        version = "" if asset is None else asset.read_text("version")
-        if not version.startswith("2."):
+        if asset is None:
             raise FormatError(
-                f"is not glTF 2 (its version is `{version[:20]}`); export it again as glTF 2.0"
+                "is JSON without the `asset` of a glTF file, such as a message of an error; "
+                "download it again, or export it as glTF 2.0"
             )
+        version = asset.read_text("version")
+        if not version.startswith("2."):
+            found = f"its version is `{version[:20]}`" if version else "it states no version"
+            raise FormatError(f"is not glTF 2 ({found}); export it again as glTF 2.0")
         for name in self.root.list_texts("extensionsRequired"):
             if name in _COMPRESSIONS:
                 raise make_compression_error(name)

@@ -363,7 +363,7 @@ def read_material_colours(path: Path, mesh: FileMesh) -> FileMesh:
         found: dict[str, list[float]] = {}
         left = MAX_LIBRARY_BYTES
         for library in _find_libraries(path.parent, attributes.material_library):
-            data = read_input(library, left)
+            data = read_input(library, left, may_be_empty=True)
             left -= len(data)
             found |= _parse_library(data)
         names = attributes.materials.names

@@ -9,7 +9,7 @@ from typing import Any
 
 from cageik_cli.formats.base.files import require_unicode
 from cageik_cli.util.errors import FormatError, error_context, require_optional
-from cageik_cli.util.files import check_input, open_input
+from cageik_cli.util.files import check_input, open_content, open_input
 from cageik_cli.util.messages import Said
 from cageik_cli.util.text import to_unicode
 from cageik_cli.util.trial import trials
@@ -90,7 +90,7 @@ def check_layers(path: Path) -> list[Any]:
     from pxr import Sdf, UsdUtils
 
     found: list[Any] = []
-    check_input(path)
+    open_content(path).close()
     _check_nesting(path)
     name = require_unicode(path)
     seen, waiting = {name}, [name]
@@ -137,7 +137,10 @@ def _open_named(name: str, stage: Path) -> Any:
             )
         return FormatError(word_unsound(cause))
 
+    file = Path(_split_package(name))
     with error_context(shorten_path(name, stage)), capture_diagnostics(make_error):
+        if file.suffix.lower() in (*USD_SUFFIXES, ".abc"):  # others may well be XML
+            open_content(file).close()
         return Sdf.Layer.FindOrOpen(name)
 
 

@@ -79,7 +79,7 @@ def test_what_is_not_as_expected_is_refused(path, name, kinds, shape, says):
     [
         (lambda path: path.unlink(), "no such file"),
         (lambda path: (path.unlink(), path.mkdir()), "is a folder"),
-        (lambda path: path.write_bytes(b""), "is not an HDF5 file"),
+        (lambda path: path.write_bytes(b""), "the file is empty"),
         (lambda path: path.write_text("hello"), "is not an HDF5 file"),
         (lambda path: path.write_bytes(path.read_bytes()[:3000]), "is not a sound HDF5 file"),
     ],

@@ -339,7 +339,9 @@ def test_a_chain_of_many_nodes_is_no_more_work_than_others(save):
             "binary part",
         ),
         (lambda data: b"no glTF", "is not a glTF file"),
-        (lambda data: b"{}", "is not glTF 2"),
+        (lambda data: b"{}", "is JSON without the `asset` of a glTF file"),
+        (lambda data: b'{"asset": {"version": "1.0"}}', "is not glTF 2 (its version is `1.0`)"),
+        (lambda data: b'{"asset": {}}', "is not glTF 2 (it states no version)"),
         (lambda data: b'{"asset": {"version": "2.0"}}', "holds no mesh"),
     ],
 )

@@ -130,7 +130,7 @@ def test_a_header_that_cannot_be_is_refused(tmp_path, data, says, method):
     path.write_bytes(data)
     with pytest.raises(FormatError) as lone:
         open_npy(path)
-    assert says in str(lone.value)
+    assert (says if data else "the file is empty") in str(lone.value)
     with pytest.raises(FormatError) as member:
         NpzArchive(zipped(path, data, method)).open_array("verts")
     assert says.replace(".npy of plain numbers", "member of a .npz") in str(member.value)

@@ -140,9 +140,9 @@ def test_a_name_that_no_file_can_have_is_that_of_a_missing_library(tmp_path, nam
 def test_libraries_are_read_once_and_within_one_limit(tmp_path, monkeypatch):
     read = []
 
-    def read_counted(path, left):
+    def read_counted(path, left, **options):
         read.append((path.name, left))
-        return read_input(path, left)
+        return read_input(path, left, **options)
 
     monkeypatch.setattr(frames, "read_input", read_counted)
     monkeypatch.setattr(frames, "MAX_LIBRARY_BYTES", 2 * len(LIBRARY) - 1)
