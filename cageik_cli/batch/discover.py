@@ -28,6 +28,9 @@ from cageik_cli.util.errors import FileAccessError, SettingError, join_truncated
 from cageik_cli.util.messages import say
 from cageik_cli.util.text import make_file_name
 
+NUMBER_PLACE = "\0"
+"""Stands for the number in names of frames, and in no other name."""
+
 MAX_RESULT_NAME = 200
 """Bytes of the name of a result, without its suffix; most disks take 255 in all."""
 
@@ -233,13 +236,13 @@ def _find_clips_in(
     files = sort_naturally([path for path in files if path.resolve() not in auxiliary_files])
     # A single file is a rest pose, a cage or a prop.
     series = find_series(files)
-    stems = Counter(one.name_around("#") for one in series)
+    stems = Counter(one.name_around(NUMBER_PLACE) for one in series)
     clips = {}
     for one in series:
-        stem, kind = one.name_around("#"), file_suffix(one.paths[0])
+        stem, kind = one.name_around(NUMBER_PLACE), file_suffix(one.paths[0])
         clips[stem + (kind if stems[stem] > 1 else "")] = sort_naturally(one.paths)
     for stem in [stem for stem, frames in clips.items() if not are_frames(frames)]:
-        no_clips.append(str(folder.relative_to(root) / stem.replace("#", "*")))
+        no_clips.append(str(folder.relative_to(root) / stem.replace(NUMBER_PLACE, "*")))
         del clips[stem]
     numbered = {path for one in series for path in one.paths}
     left = [path for path in files if file_suffix(path) in mesh_suffixes()] if clips else []
@@ -247,7 +250,8 @@ def _find_clips_in(
     for stem, frames in clips.items():
         name, place = _make_clip_name(folder, root), folder
         if len(clips) > 1:
-            label = make_file_name(stem.replace("#", "").strip("._- ")) if stem != "#" else "frames"
+            text = stem.replace(NUMBER_PLACE, "").strip("._- ")
+            label = make_file_name(text) if stem != NUMBER_PLACE else "frames"
             name, place = f"{name}/{label}", folder / label
         yield DiscoveredClip(name, folder, place, tuple(map(str, frames)))
     for path in files:

@@ -79,7 +79,7 @@ class Output:
     @property
     def is_folder(self) -> bool:
         """Whether it is a folder alone, whose files get its name."""
-        if FrameNames.parse(self.path.name) is not None:
+        if self._typed_names is not None:
             return False
         suffix = self.path.suffix.lower()
         return not suffix or (self.file_format is not None and suffix not in _find_writers())
@@ -96,12 +96,21 @@ class Output:
         """The names of the files in the folder; None for a file that holds all frames."""
         if self.is_folder:
             return FrameNames(f"{self.path.name}_", digits=4, after=self.suffix)
-        return FrameNames.parse(self.path.name)
+        return self._typed_names
+
+    @property
+    def _typed_names(self) -> FrameNames | None:
+        """The names of files by their pattern; a file of all frames may have a lone `#`."""
+        names = FrameNames.parse(self.path.name)
+        if names is None or not names.is_of_lone_hash:
+            return names
+        writer = _find_writers().get(self.path.suffix.lower())
+        return None if writer is not None and not writer.writes_folder else names
 
     @property
     def has_format(self) -> bool:
         """Whether a format is asked for; otherwise the model decides."""
-        is_named = FrameNames.parse(self.path.name) is not None or bool(self.path.suffix)
+        is_named = self._typed_names is not None or bool(self.path.suffix)
         return is_named or self.file_format is not None
 
     @property
@@ -123,9 +132,14 @@ class Output:
         """Return the writer of the format."""
         with error_context(self.path):
             names, suffix, writers = self.frame_names, self.suffix, _find_writers()
+            if not suffix:
+                raise OutputError(
+                    "the names of the files have no suffix, which is their format; add one, such "
+                    f"as {self.path.name}.{DEFAULT_FORMAT}"
+                )
             if suffix not in writers:
                 raise OutputError(
-                    f"`{self.path.suffix}` is not an animation format that can be written, "
+                    f"`{suffix}` is not an animation format that can be written, "
                     f"expected {', '.join(writers)}"
                 )
             if self.file_format and suffix != f".{self.file_format}":

@@ -53,7 +53,7 @@ def test_a_folder_alone_gives_its_files_its_name(tmp_path, animation, kind, file
     [
         ("a.gif", None, "a.gif: `.gif`"),
         ("v1.walk", None, "v1.walk: `.walk`"),
-        ("a_####", None, "a_####: ``"),
+        ("a_####", None, "a_####: the names of the files have no suffix"),
         ("a.obj", None, "a.obj: a `.obj` file holds one frame"),
         ("x/a_##.npz", None, "x/a_##.npz: a `.npz` file holds all frames"),
         ("x/a_##_##.obj", None, "x/a_##_##.obj: a_##_##.obj has 2"),

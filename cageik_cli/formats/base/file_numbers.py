@@ -2,7 +2,7 @@
 
 import re
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from fractions import Fraction
 from itertools import pairwise
 from math import gcd
@@ -267,16 +267,22 @@ class FrameNames:
     ----------
     digits : int
         At least so many; shorter numbers get leading zeros.
+    typed : str
+        The place as it was typed.
     """
 
     before: str
     digits: int
     after: str
+    typed: str = field(default="", compare=False)
 
     @classmethod
     def parse(cls, pattern: str) -> "FrameNames | None":
-        """Parse a pattern: `#` per digit, `%04d` as in C, `$F4` as in Houdini; None without one."""
-        places = r"(?P<hashes>#+)|%0?(?P<printf>\d?)d|\$F(?P<houdini>\d?)"
+        """Parse a pattern: `#` per digit, `%04d` as in C, `$F4` as in Houdini; None without one.
+
+        A lone `#` is the place of a digit in front of the suffix; elsewhere it is a character.
+        """
+        places = r"(?P<hashes>##+|(?<!#)#(?=\.[^.#]+$))|%0?(?P<printf>\d?)d|\$F(?P<houdini>\d?)"
         found = list(re.finditer(places, pattern))
         if len(found) > 1:
             raise SettingError(
@@ -287,12 +293,18 @@ class FrameNames:
         number = found[0]
         typed = number["printf"] or number["houdini"] or "1"
         digits = len(number["hashes"]) if number["hashes"] else int(typed)
-        return cls(pattern[: number.start()], digits, pattern[number.end() :])
+        return cls(pattern[: number.start()], digits, pattern[number.end() :], number[0])
 
     @property
     def pattern(self) -> str:
         """The pattern of these names, for `parse`."""
-        return f"{self.before}{'#' * self.digits}{self.after}"
+        place = "#" * self.digits if self.digits > 1 else "%d"
+        return f"{self.before}{place}{self.after}"
+
+    @property
+    def is_of_lone_hash(self) -> bool:
+        """Whether the place may be a lone `#`, which names of files without numbers have, too."""
+        return self.digits == 1 and self.typed == "#"
 
     def file_name(self, number: int) -> str:
         """Return the name of the file of a frame."""

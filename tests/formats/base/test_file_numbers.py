@@ -243,6 +243,10 @@ def test_the_kind_of_a_packed_file_has_two_suffixes(name, stem, kind):
         ("cage.$F4.obj", ("cage.0007.obj", "cage.12345.obj")),
         ("cage.$F.obj", ("cage.7.obj", "cage.12345.obj")),
         ("##x", ("07x", "12345x")),
+        ("cage#.obj", ("cage7.obj", "cage12345.obj")),
+        ("shot#3_####.obj", ("shot#3_0007.obj", "shot#3_12345.obj")),
+        ("a#_#.obj", ("a#_7.obj", "a#_12345.obj")),
+        ("a#b.%d.c.obj", ("a#b.7.c.obj", "a#b.12345.c.obj")),
     ],
 )
 def test_patterns(pattern, names):
@@ -252,7 +256,22 @@ def test_patterns(pattern, names):
     assert FrameNames.parse(found.pattern) == found
 
 
-@pytest.mark.parametrize("name", ["cage.obj", "cage_%x.obj", "cage_0001.obj", "$cage.obj", ""])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "cage.obj",
+        "cage_%x.obj",
+        "cage_0001.obj",
+        "$cage.obj",
+        "",
+        "shot#3",
+        "#3.obj",
+        "C#",
+        "a#b.obj",
+        "a#.b.obj",
+        "# .c#",
+    ],
+)
 def test_what_has_no_number_is_no_pattern(name):
     assert FrameNames.parse(name) is None
 
