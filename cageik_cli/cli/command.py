@@ -72,12 +72,18 @@ class GroupedCommand(click.Command):
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         """Parse the words; repeated options are wrong usage, unless a help is asked for."""
         try:
-            _, _, typed = self.make_parser(ctx).parse_args(args=list(args))
+            values, _, typed = self.make_parser(ctx).parse_args(args=list(args))
         except click.NoSuchOption as error:
             nearest = get_close_matches(error.option_name, error.possibilities or (), n=1)
             raise click.NoSuchOption(error.option_name, None, nearest, ctx) from error
         if any(param.is_eager and getattr(param, "is_flag", False) for param in typed):
             return super().parse_args(ctx, args)
+        for param in dict.fromkeys(typed):
+            held = values.get(str(param.name))
+            words = held if isinstance(held, list | tuple) else [held]
+            if any(isinstance(word, str) and not word.strip() for word in words):
+                message = "given a value without any letter; give one, or leave it out"
+                raise click.UsageError(f"{spell_param(param)}: {message}", ctx)
         counts = Counter(param for param in typed if _takes_one_value(param))
         for param, count in counts.items():
             if count > 1:
