@@ -157,10 +157,10 @@ def _make_missing_error(path: Path) -> FileAccessError:
     names = FrameNames.parse(path.name)
     if names is None:
         return FileAccessError(f"{path}: no such file or folder; check the path")
-    place = path.with_name(f"{names.before}*{names.after}")
+    place = path.with_name(f"{glob.escape(names.before)}*{glob.escape(names.after)}")
     return FileAccessError(
         f"{path}: no such file; numbers are written like this in names of outputs only, so name "
-        f"the folder of the frames, {path.parent}, or a quoted glob, '{place}'"
+        f"the folder of the frames, {path.parent}, or a quoted glob, {_quote(place)}"
     )
 
 
@@ -192,7 +192,7 @@ def _choose_series(folder: Path, files: list[Path]) -> list[Path]:
         series.sort(key=lambda one: one.name_around("*"))
         names = join_truncated((one.name_around("*") for one in series), 5)
         choices = [
-            f"{' '.join(shlex.quote(str(folder / name)) for name in one.list_globs(files))} "
+            f"{' '.join(_quote(folder / name) for name in one.list_globs(files))} "
             f"({len(one.paths)} meshes)"
             for one in series[:5]
         ]
@@ -203,6 +203,12 @@ def _choose_series(folder: Path, files: list[Path]) -> list[Path]:
     frames = {path for one in series for path in one.paths}
     # Frames of another format are not left out: that there are two is said.
     return [path for path in files if path in frames or any(one.has_name(path) for one in series)]
+
+
+def _quote(path: Path) -> str:
+    """Return a path or a glob as it is typed in a shell: no option, and in quotes where needed."""
+    text = str(path)
+    return shlex.quote(f"./{text}" if text.startswith("-") else text)
 
 
 def find_series(files: Sequence[Path]) -> list[NumberedFiles]:
