@@ -106,7 +106,7 @@ class SceneHints:
 
     fps: float | None = declare_setting(
         None,
-        "Frames per second; glTF is sampled at them.",
+        "Frames per second; glTF, and keys of Alembic, are sampled at them.",
         unset="from the source, or 24",
         group=HelpGroup.CLIP,
     )
@@ -304,7 +304,7 @@ class ClipSettings:
     )
     fps: float | None = declare_setting(
         None,
-        "Frames per second at which glTF is sampled.",
+        "Frames per second at which glTF, and keys of Alembic, are sampled.",
         unset="24",
         group=HelpGroup.RUNNING,
     )

@@ -105,7 +105,8 @@ def find_input(result: Result, reconstruction: Reconstruction, jobs: int = 1) ->
     for arguments in _list_candidates(result):
         with suppress(InputError):
             exclude = tuple(result.settings.get("exclude", ()))
-            clip = open_sequence(arguments, ClipSettings(gaps="close", exclude=exclude))
+            settings = ClipSettings(gaps="close", exclude=exclude, fps=result.scene.fps)
+            clip = open_sequence(arguments, settings)
             numbers = {name: number for number, name in enumerate(clip.names)}
             is_input = clip.describe_source() == result.sources["frames"]
             if is_input and all(name in numbers for name in result.frames):

@@ -95,7 +95,7 @@ def load_clip(
     exclude : sequence of str
         Patterns of the parts that are left out: of their paths, or of names in these.
     fps : float, optional
-        Frames per second at which glTF is sampled; 24 by default.
+        Frames per second at which glTF, and keys of Alembic, are sampled; 24 by default.
 
     Raises
     ------

@@ -199,16 +199,18 @@ class Turntable(AlembicScene):
             self.file = CreateArchiveWithInfo(str(self.path), float(fps), "test", "")
             self.objects = {None: self.file.getTop()}
 
-    def turn(self, angles, times, is_matrix=False):
+    def turn(self, angles, times, is_matrix=False, axes=None):
         if not isinstance(times, TimeSampling):
             vector = TimeVector()
             vector.extend(times)
             times = TimeSampling(TimeSamplingType(AcyclicFlag.kAcyclic), vector)
         number = self.file.addTimeSampling(times)
         transform = OXform(self.objects[None], "spin", number)
-        for angle in angles:
+        for k, angle in enumerate(angles):
             sample = XformSample()
-            if is_matrix:
+            if axes:
+                sample.setRotation(imath.V3d(*axes[k]), float(angle))
+            elif is_matrix:
                 matrix = np.eye(4)
                 matrix[:3, :3] = spin(angle).T
                 sample.setMatrix(imath.M44d(*map(float, matrix.ravel())))
@@ -252,6 +254,58 @@ def test_the_rate_that_an_archive_states_is_that_of_its_frames(tmp_path):
     assert (len(sequence), sequence.scene.fps) == (31, 30)
     angles = np.interp(np.arange(31) / 30, [0, 0.4, 1], [0, 90, 180])
     np.testing.assert_allclose(frames_of(sequence), expect(angles), atol=1e-6)
+
+
+def test_a_rate_that_is_asked_for_is_that_of_the_frames_though_another_is_stated(tmp_path):
+    archive = Turntable(tmp_path, fps=24)
+    archive.turn([0, 90, 180], [0.0, 0.4, 1.0])
+    sequence = archive.opened(fps=12)
+    assert (len(sequence), sequence.scene.fps, sequence.scene.frame_step) == (13, 12, None)
+    angles = np.interp(np.arange(13) / 12, [0, 0.4, 1], [0, 90, 180])
+    np.testing.assert_allclose(frames_of(sequence), expect(angles), atol=1e-6)
+    others = archive.opened()
+    digests = [each.content_digest(1) for each in (sequence, others, archive.opened(fps=12))]
+    assert digests[0] == digests[2] != digests[1]
+
+
+def test_keys_beside_two_shapes_of_points_are_keys_too(tmp_path):
+    archive = Turntable(tmp_path, fps=24)
+    archive.turn([0, 90, 180], [0.0, 1.0, 2.0])
+    archive.mesh("shape", "spin", frames=FRAMES[:2], times=TimeSampling(1.0, 0.0))
+    sequence = archive.opened("::shape")
+    assert len(sequence) == 49
+    moved = FRAMES[1].astype(float) @ spin(135).T
+    np.testing.assert_allclose(sequence.read_frame(36), moved, atol=1e-6)
+
+
+@pytest.mark.parametrize("keys", [(0.0, 0.31), (-0.1, 1.0)])
+def test_frames_are_in_the_steps_of_baked_points_beside_other_keys(tmp_path, keys):
+    archive = Turntable(tmp_path)
+    archive.turn([0, 90], list(keys))
+    archive.mesh("baked", frames=FRAMES[[0, 1, 2, 3, 0, 1]], times=TimeSampling(0.04, 0.0))
+    sequence = archive.opened()
+    first, last = (-2, 25) if keys[0] else (0, 7)
+    assert (len(sequence), sequence.scene.fps) == (last - first + 1, 25)
+    angles = np.interp(np.arange(first, last + 1) * 0.04, keys, [0, 90])
+    np.testing.assert_allclose(frames_of(sequence)[:, :6], expect(angles), atol=1e-6)
+    assert "beside the 6 samples of its points" in " ".join(texts(sequence.notes))
+
+
+def test_baked_points_far_from_other_keys_or_uneven_keep_their_times(tmp_path):
+    archive = Turntable(tmp_path)
+    archive.turn([0, 90], [0.0, 1e5])
+    archive.mesh("baked", frames=FRAMES, times=TimeSampling(0.04, 0.0))
+    assert len(archive.opened()) == 5
+
+
+@pytest.mark.parametrize("axes", ["xy", "-yy", "zy"])
+def test_rotations_about_axes_that_change_are_turned_evenly(tmp_path, axes):
+    """As exporters write them that turn the axis when the angle passes half a turn."""
+    named = {"x": (1, 0, 0), "y": (0, 1, 0), "z": (0, 0, 1), "-y": (0, -1, 0)}
+    archive = Turntable(tmp_path, fps=24)
+    archive.turn([0, 120], [0.0, 1.0], axes=[named[axes[:-1]], named[axes[-1]]])
+    found = frames_of(archive.opened())
+    np.testing.assert_allclose(found, expect(np.arange(25) * 5), atol=1e-6)
 
 
 def test_transforms_that_are_baked_are_frames(tmp_path):

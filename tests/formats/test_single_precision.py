@@ -45,6 +45,7 @@ def test_numbers_within_a_ten_thousandth_of_a_frame_are_that_frame(number, step,
         (24000 / 1001, 24000 / 1001),
         (23.976, 23.976),
         (12.5, 12.5),
+        (1e-5, 1e-5),
     ],
 )
 def test_rates_are_whole_or_those_of_video(rate, expected):

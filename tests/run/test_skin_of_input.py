@@ -13,6 +13,7 @@ from cageik_cli.inputs.caged_model import CagedModel
 from cageik_cli.inputs.input_frames import find_input
 from cageik_cli.store.result import read_result
 from tests.clips import frames_of
+from tests.formats.test_keyed_motion import Turntable
 from tests.run.test_rig import EXTRACT, SINGLE, skinned
 
 EXPORT = ("export", "cages.h5", "c.usdc", "--skeleton", "--overwrite")
@@ -95,6 +96,19 @@ def test_a_damaged_file_of_the_name_is_not_the_input(run, folder, animation):
     assert find() is None
     Path("clip.npz").unlink()
     assert find() is None
+
+
+def test_keys_that_were_sampled_at_another_rate_are_sampled_so_again(run, folder):
+    archive = Turntable(folder, fps=24)
+    archive.turn([0, 90], [0.0, 1.0])
+    archive.close()
+    assert run("extract", "clip.abc", *EXTRACT[2:], "--fps", 6).code == 0
+    result = read_result(Path("cages.h5"))
+    assert (len(result.frames), result.scene.fps, result.scene.frame_step) == (7, 6, 1)
+    found = find()
+    np.testing.assert_allclose(
+        found.read_frame(3), frames_of(open_sequence(["clip.abc"]))[12], atol=1e-12
+    )
 
 
 @pytest.mark.parametrize("is_absolute", [False, True])

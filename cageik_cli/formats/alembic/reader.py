@@ -25,15 +25,18 @@ from cageik_cli.formats.base.files import ClaimedBytes, require_unicode
 from cageik_cli.formats.base.mesh_data import LayerReaders, list_layer_readers
 from cageik_cli.formats.base.scene_graph import (
     EVEN_STEP_TOL,
+    MAX_KEYED_SHAPES,
     LibraryError,
     Polygons,
     SceneMesh,
     SceneReader,
+    find_step,
     round_frame_step,
     sample_evenly,
     snap,
     snap_rate,
 )
+from cageik_cli.formats.base.sequence import ClipRequest
 from cageik_cli.formats.settings import Scene, SceneHints, find_frame_step
 from cageik_cli.geometry.attributes import LAYERS, FaceLabels, Subdivision, SurfaceAttributes
 from cageik_cli.util.arrays import Floats, Integers
@@ -68,6 +71,12 @@ class Reader(SceneReader):
 
     suffixes = (".abc",)
     library = "alembic3d"
+
+    def __init__(self, request: ClipRequest) -> None:
+        self._sampled_rate: float | None = None
+        super().__init__(request)
+        if self._sampled_rate is not None:
+            self._reading += (self._sampled_rate,)
 
     def check_file(self, path: Path) -> None:
         """Refuse what the library would open as an empty archive, or not at all."""
@@ -175,20 +184,36 @@ class Reader(SceneReader):
             return None
         found = f"its transforms have {len(times)} keys from {times[0]:g} to {times[-1]:g} s"
         frames = sample_evenly(first, last, 1, MAX_KEYED_FRAMES) / rate
+        self._sampled_rate = rate
         if fps or stated:
             return frames, Note(f"{found}: frames are {rate:g} per second")
         text = f"{found}, and it states no rate: frames are {rate:g} per second; "
         return frames, Note(text + say("`fps=` takes another rate"), "warning")
 
+    def replace_uneven(self, times: Floats) -> tuple[Floats, str]:
+        """Return times in the steps of baked points, beside which transforms have other keys."""
+        counted = [mesh.list_point_times() for mesh in self._meshes.values()]
+        baked = np.array(sorted(set().union(*(x for x in counted if len(x) > MAX_KEYED_SHAPES))))
+        own = find_step(baked)
+        if own is None or times[-1] - times[0] > MAX_KEYED_FRAMES * own:
+            return super().replace_uneven(times)
+        first = ceil((times[0] - baked[0]) / own - EVEN_STEP_TOL)
+        last = floor((times[-1] - baked[0]) / own + EVEN_STEP_TOL)
+        return baked[0] + own * np.arange(first, last + 1), (
+            f"its transforms have keys beside the {len(baked)} samples of its points: frames are "
+            "in the steps of these"
+        )
+
     def describe_scene(self, times: Floats, step: float | None) -> SceneHints:
         """Return frame rate and frame numbers, of whole frames if a rate is stated.
 
         Alembic knows seconds only. Without a rate, the step is the smallest that makes the number
-        of the first frame whole, to 1e-4 frames.
+        of the first frame whole, to 1e-4 frames. The rate of sampled keys is that of their frames.
         """
         if step is None:
             return SceneHints()
-        fps, seconds = _read_frame_rate(self._archive, self._stated_rates), float(times[0])
+        fps = self._sampled_rate or _read_frame_rate(self._archive, self._stated_rates)
+        seconds = float(times[0])
         frame_step = round_frame_step(step * fps) if fps is not None else None
         if fps is None or (frame_step is not None and frame_step != int(frame_step)):
             fps = snap_rate(round(1 / step, 9))  # without the digits of rounding errors
@@ -213,9 +238,9 @@ class AlembicMesh(SceneMesh):
         self._transforms = find_transforms(thing)
 
     def list_times(self) -> set[float]:
-        """List the times of the points, or of the transforms if the points do not move."""
+        """List the times of the points, and those of the transforms if points are not baked."""
         times = _sample_times(self._points)
-        if len(times) < 2:
+        if len(times) <= MAX_KEYED_SHAPES:
             times = set().union(*map(_sample_times, self._transforms), times)
         return times
 

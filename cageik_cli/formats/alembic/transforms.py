@@ -44,7 +44,8 @@ def interpolate_matrix(transform: Any, time: float) -> Floats:
     """Return a transform at a time between two samples.
 
     Its operations, such as a rotation by an angle, are interpolated linearly, as programs do.
-    Matrices are taken apart for that: a turn stays a turn.
+    Matrices are taken apart for that, also those of rotations about changing axes: a turn stays a
+    turn.
     """
     from alembic3d.Abc import ISampleSelector
 
@@ -58,10 +59,18 @@ def interpolate_matrix(transform: Any, time: float) -> Floats:
     )
     if part == 0:
         return _to_matrix(before)
-    operations = [each.getOp(k) for each in (before, after) for k in range(each.getNumOps())]
-    if before.isTopologyEqual(after) and not any(each.isMatrixOp() for each in operations):
-        return _blend_operations(before, after, part)
+    if before.isTopologyEqual(after):
+        operations = [[each.getOp(k) for k in range(each.getNumOps())] for each in (before, after)]
+        if all(map(_blends_by_channel, *operations)):
+            return _blend_operations(before, after, part)
     return blend_transforms(_to_matrix(before), _to_matrix(after), part)
+
+
+def _blends_by_channel(before: Any, after: Any) -> bool:
+    """Return whether an operation between two of its kind has the numbers between theirs."""
+    if before.isRotateOp():
+        return bool(before.getAxis() == after.getAxis())
+    return not before.isMatrixOp()
 
 
 def _to_matrix(sample: Any) -> Floats:

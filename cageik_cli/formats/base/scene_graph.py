@@ -504,7 +504,7 @@ def snap(number: float, step: float = 1.0) -> float:
 def snap_rate(fps: float) -> float:
     """Return the frames per second that a rate is but for rounding: whole, or that / 1.001."""
     whole = round(fps)
-    if abs(fps - whole) <= SNAP_TOL:
+    if whole and abs(fps - whole) <= SNAP_TOL:
         return float(whole)
     video = round(1.001 * fps) / 1.001
     is_single = np.float32(fps) == np.float32(video) and abs(fps - video) > DOUBLE_RATE_TOL
