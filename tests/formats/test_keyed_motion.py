@@ -99,6 +99,51 @@ def test_without_a_range_frames_are_between_the_keys_and_that_is_said_first(scen
     )
 
 
+@pytest.mark.parametrize(
+    ("codes", "fps", "span", "step"),
+    [
+        (1, 24, (0, 24), 1 / 24),
+        (1, None, (0, 24), 1 / 24),
+        (8, 24, (0, 24), 1 / 3),
+        (24000, None, (0, 24000), 1000),
+        (24000, 30, (0, 24000), 800),
+        (240, None, (0, 24), 1),
+        (24, 60, (0, 24), 1),
+        (12, None, (0, 24), 1),
+        (None, 48, (0, 24), 1),
+    ],
+)
+@pytest.mark.parametrize("has_range", [True, False])
+def test_time_codes_of_a_clock_are_no_frames(scene, codes, fps, span, step, has_range):
+    """Of seconds, or of fine parts of them; frames are at the rate of the stage, or 24."""
+    scene.turn.GetAttr().Clear()
+    for time, angle in zip(span, (0, 170), strict=True):
+        scene.turn.Set(angle, time)
+    if codes:
+        scene.stage.SetTimeCodesPerSecond(codes)
+    if fps:
+        scene.stage.SetFramesPerSecond(fps)
+    if has_range:
+        scene.stage.SetStartTimeCode(span[0])
+        scene.stage.SetEndTimeCode(span[1])
+    sequence = scene.opened()
+    count = round(span[1] / step) + 1
+    assert len(sequence) == count
+    assert sequence.scene.frame_step == (None if step == 1 else round(step, 6))
+    angles = np.linspace(0, 170, count)
+    np.testing.assert_allclose(sequence.read_frame(7), expect(angles[7:8])[0], atol=1e-6)
+    np.testing.assert_allclose(sequence.read_frame(count - 1), expect([170])[0], atol=1e-6)
+    assert len(warnings_of(sequence)) == (0 if has_range else 1)
+
+
+def test_a_range_that_is_too_long_is_not_sampled_and_that_is_said_first(scene):
+    set_range(scene, -3, 1e6)
+    sequence = scene.opened()
+    np.testing.assert_allclose(frames_of(sequence), expect(np.arange(25) * 7.5), atol=1e-6)
+    (warning,) = warnings_of(sequence)
+    assert "and its range, -3 to 1000000, is too long: frames are at the whole tim" in str(warning)
+
+
 def test_uneven_keys_are_sampled_evenly(scene):
     scene.turn.Set(30, 3.7)
     assert len(scene.opened()) == 25

@@ -28,7 +28,7 @@ from cageik_cli.formats.base.scene_graph import (
     snap,
     snap_rate,
 )
-from cageik_cli.formats.settings import SceneHints
+from cageik_cli.formats.settings import Scene, SceneHints
 from cageik_cli.formats.usd.library import (
     USD_SUFFIXES,
     capture_diagnostics,
@@ -53,6 +53,9 @@ from cageik_cli.util.text import format_count, single_line
 
 MAX_TIME_CODES = 100_000
 """Largest number of whole time codes, a frame each, that replace uneven samples."""
+
+MIN_FRAME_RATE, MAX_FRAME_RATE = 12, 240
+"""Time codes per second that may be frames; others are a clock, in seconds or parts of them."""
 
 LIBRARY_KEY = "materialLibrary"
 """Where the custom data of a mesh names the file of its materials, as an OBJ file does."""
@@ -160,30 +163,48 @@ class Reader(SceneReader):
     ) -> tuple[Floats, Note] | None:
         """Return the frames of the stage's range where transforms or rigs have few keys.
 
-        Without a range, they are the whole time codes between the keys; but rigs, which programs
-        bake, have a frame at each of even samples.
+        Without a range, or in one that is too long, they are between the keys; but rigs, which
+        programs bake, have a frame at each of even samples.
         """
-        codes, rate = map(self._read_rate, ("timeCodesPerSecond", "framesPerSecond"))
-        own = max(1.0, codes / rate) if codes and rate else 1.0
+        own = self._find_frame_codes()
         if not self.has_keyed_motion() or (step is not None and step <= own * (1 + EVEN_STEP_TOL)):
             return None
         found = f"its motion has {len(times)} keys from {times[0]:g} to {times[-1]:g}"
         start, end = (_read_number(self._stage, f"{name}TimeCode") for name in ("start", "end"))
+        why = "it states no range"
         if start is not None and end is not None and max(start, times[0]) < min(end, times[-1]):
-            first, last = snap(start), snap(end)
-            text = f"{found}: frames are those of its range, {first:g} to {last:g}, in steps of "
-            return sample_evenly(first, last, own, MAX_TIME_CODES), Note(f"{text}{own:g}")
+            if end - start < MAX_TIME_CODES * own:
+                first, last = snap(start), snap(end)
+                text = (
+                    f"{found}: frames are those of its range, {first:g} to {last:g}, in steps of "
+                )
+                return sample_evenly(first, last, own, MAX_TIME_CODES), Note(f"{text}{own:g}")
+            why = f"its range, {start:.15g} to {end:.15g}, is too long"
         is_moved = any(mesh.has_moving_transform() for mesh in self._usd_meshes)
         if step is not None and not is_moved:
             return None
-        first, last = ceil(times[0] - EVEN_STEP_TOL), floor(times[-1] + EVEN_STEP_TOL)
+        first, last = (
+            own * ceil(times[0] / own - EVEN_STEP_TOL),
+            own * floor(times[-1] / own + EVEN_STEP_TOL),
+        )
         if last <= first:
             return None
-        text = f"{found}, and it states no range: frames are at the whole time codes {first} to "
+        codes = "the whole time codes" if own == 1 else f"every {own:g} time codes from"
+        text = f"{found}, and {why}: frames are at {codes} {first:g} to {last:g}"
         chosen = say("; choose others by `selection=`")
-        return sample_evenly(first, last, 1, MAX_TIME_CODES), Note(
-            f"{text}{last}" + chosen, "warning"
-        )
+        return sample_evenly(first, last, own, MAX_TIME_CODES), Note(text + chosen, "warning")
+
+    def _find_frame_codes(self) -> float:
+        """Return the time codes of a frame: at least one, unless they are of a clock.
+
+        A clock without a rate of frames has that which USD takes.
+        """
+        codes, rate = map(self._read_rate, ("timeCodesPerSecond", "framesPerSecond"))
+        if codes is None:
+            return 1.0
+        is_clock = not MIN_FRAME_RATE <= codes <= MAX_FRAME_RATE
+        found = codes / (rate or (Scene().fps if is_clock else codes))
+        return found if codes < MIN_FRAME_RATE else max(1.0, found)
 
     def has_keyed_motion(self) -> bool:
         """Return whether transforms or rigs alone move the meshes."""
