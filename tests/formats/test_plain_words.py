@@ -108,12 +108,24 @@ def test_texts_with_a_mark_of_their_encoding_are_read(tmp_path, name, encoding):
     np.testing.assert_array_equal(mesh.faces, plain.faces)
 
 
-def test_a_binary_file_that_begins_like_a_mark_stays_as_it_is(tmp_path):
+@pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16"])
+@pytest.mark.parametrize(
+    "comment", ["Файл создан в Блендере, модель человека", "由搅拌机导出的模型"]
+)
+def test_a_text_may_begin_in_any_letters(tmp_path, encoding, comment):
+    path = tmp_path / "a.obj"
+    path.write_bytes(f"# {9 * comment}\n{TEXTS['a.obj']}".encode(encoding))
+    assert load_mesh(path).mesh.volume == pytest.approx(BOX.volume)
+
+
+@pytest.mark.parametrize("fill", [b"\0", b" ", b" \0"])
+def test_a_binary_file_that_begins_like_a_mark_stays_as_it_is(tmp_path, fill):
     triangles = np.zeros(12, [("numbers", "<f4", (4, 3)), ("rest", "<u2")])
     triangles["numbers"][:, 1:] = BOX.vertices[BOX.faces]
     for head in (b"\xff\xfe", b"\xfe\xff", b"\xef\xbb\xbf"):
         path = tmp_path / "a.stl"
-        path.write_bytes(head.ljust(80, b"\0") + (12).to_bytes(4, "little") + triangles.tobytes())
+        head = (head + 80 * fill)[:80]
+        path.write_bytes(head + (12).to_bytes(4, "little") + triangles.tobytes())
         assert load_mesh(path).mesh.volume == pytest.approx(BOX.volume)
 
 

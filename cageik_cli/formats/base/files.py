@@ -35,8 +35,9 @@ MAX_INSTANCED_BYTES = 320 << 20
 PART_BYTES = 5000
 """Memory that a part takes besides its arrays: its paths, its transforms and what reads it."""
 
-TEXT_SAMPLE_BYTES = 80
-"""Bytes behind a mark of Unicode that tell whether a file is a text: most are letters."""
+TEXT_SAMPLE_BYTES = 84
+"""Bytes that tell whether a file with a mark of Unicode is a text: the header and the count of a
+binary STL have a zero among them."""
 
 
 def with_gzip(*suffixes: str) -> tuple[str, ...]:
@@ -188,18 +189,17 @@ def _check_text(content: bytes) -> bytes:
 
 
 def _to_utf8(data: bytes) -> bytes:
-    """Return a text that is marked as UTF-8 or UTF-16 in UTF-8, without the mark; others as is."""
-    if data.startswith(codecs.BOM_UTF8) and b"\0" not in data[:TEXT_SAMPLE_BYTES]:
-        return data.removeprefix(codecs.BOM_UTF8)
-    orders = {codecs.BOM_UTF16_LE: 1, codecs.BOM_UTF16_BE: 0}  # where the high bytes are
-    high = orders.get(data[:2])
-    begin = data[2 : 2 + TEXT_SAMPLE_BYTES]
-    if high is None:
+    """Return a text that is marked as UTF-8 or UTF-16 in UTF-8, without the mark; others as is.
+
+    A binary file may begin like a mark, too, but has other characters soon.
+    """
+    marks = {codecs.BOM_UTF8: "utf-8", codecs.BOM_UTF16_LE: "utf-16", codecs.BOM_UTF16_BE: "utf-16"}
+    encoding = next((name for mark, name in marks.items() if data.startswith(mark)), None)
+    if encoding is None or "\0" in data[:TEXT_SAMPLE_BYTES].decode(encoding, "ignore"):
         return data
-    pairs, zeros = len(begin) // 2, (begin[high::2].count(0), begin[1 - high :: 2].count(0))
-    if 10 * zeros[0] < 9 * pairs or zeros[1]:
-        return data  # of a binary file
-    return data.decode("utf-16", "replace").encode()
+    if encoding == "utf-8":
+        return data.removeprefix(codecs.BOM_UTF8)
+    return data.decode(encoding, "replace").removeprefix("\ufeff").encode()
 
 
 def hash_file(path: Path) -> bytes:
