@@ -103,19 +103,21 @@ def _cut_vertices(
     if len({len(row) for row in rows[:count]}) == 1:
         yield rows[:count], rows[count:]
     own = 3 + (2 if keyword and keyword[1] else 0) + (3 if keyword and keyword[3] else 0)
+    widths = [own + colour for colour in ((4, 3, 0) if keyword and keyword[2] else (0,))]
     ends = list(accumulate(map(len, rows)))
-    for colour in (4, 3) if keyword and keyword[2] else (0,):
-        width = own + colour
+    for width in widths:
         if count * width in ends:
             stop = ends.index(count * width) + 1
             flat = list(chain.from_iterable(rows[:stop]))
             yield [flat[k : k + width] for k in range(0, len(flat), width)], rows[stop:]
     yield rows[:count], rows[count:]
-    flat, stop = list(chain.from_iterable(rows)), count * own
-    yield (
-        [flat[k : k + own] for k in range(0, min(stop, len(flat)), own)],
-        [flat[stop:]] if len(flat) > stop else [],
-    )
+    flat = list(chain.from_iterable(rows))
+    for width in widths:
+        stop = min(count * width, len(flat))
+        yield (
+            [flat[k : k + width] for k in range(0, stop, width)],
+            [flat[stop:]] if len(flat) > stop else [],
+        )
 
 
 def _join(

@@ -60,6 +60,10 @@ TEXTS = {
     "rows of five": "OFF\n8 6 12\n" + flow(VERTICES, 5) + flow(FACES, 7),
     "normals on any rows": "NOFF\n8 6 12\n" + flow(beside("0", "0", "1"), 16) + lines(FACES),
     "colours on any rows": "COFF\n8 6 12\n" + flow(beside("9", "9", "9"), 24) + lines(FACES),
+    "colours and faces on any rows": "COFF 8 6 12\n" + flow([*beside(*"9999"), *FACES], 11),
+    "colours of three numbers and all": "COFF\n8 6 12\n" + flow([*beside(*"999"), *FACES], 99),
+    "normals, colours and faces": "CNOFF 8 6 12\n" + flow([*beside(*"1234567"), *FACES], 13),
+    "colours that are not there": f"COFF 8 6 12 {flow(VERTICES, 24).strip()} {flow(FACES, 30)}",
     "faces that go on": off(faces=[FACES[0][:2], FACES[0][2:], *FACES[1:]]),
     "something behind": off() + "and a remark\n",
 }
