@@ -310,6 +310,10 @@ def test_fractions_are_frames_in_their_order_where_that_is_asked_for(place):
         ["f.-10", "f.-2", "f.-1"],
         ["f_1", "f_1.05", "f_1.1", "f_2"],
         ["f 0.9", "f 0.95", "f 1.0", "f 1.05", "f 1.1"],
+        ["f_0.25", "f_0.5", "f_0.75", "f_1"],
+        ["f_0,9", "f_0,95", "f_1,0", "f_1,05", "f_1,1"],
+        ["f_0.033", "f_0.067", "f_0.100", "f_0.133"],
+        ["w_0001.00", "w_0001.25", "w_0001.50", "w_0001.75", "w_0002.00"],
     ],
 )
 def test_closed_gaps_take_numbers_with_signs_and_fractions_in_their_order(place, stems):
@@ -336,6 +340,14 @@ def test_files_that_are_named_are_all_frames_but_a_note_says_what_they_are(place
     notes = [note for note in texts(clip.notes) if "named" in note]
     assert [note.startswith(expected) for note in notes] == ([True] if says else [])
     assert (clip.scene.start == 1) == (not beside)
+
+
+def test_parts_of_seconds_behind_a_point_are_no_subframes(place):
+    stems = [f"cap_12-{k}" for k in ("30-59.0", "30-59.5", "31-00.0", "31-00.5")]
+    place(**{f"clip__{stem}": box() for stem in stems})
+    clip = open_sequence(["clip"])
+    assert [name.removesuffix(".obj") for name in clip.names] == stems
+    assert (clip.scene.start, clip.scene.frame_step, texts(clip.notes)) == (1, 1, ())
 
 
 def test_uneven_time_stamps_are_frames_one_after_another(place):

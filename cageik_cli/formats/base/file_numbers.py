@@ -62,13 +62,13 @@ class FileSeries:
         self.paths, self.scene = paths, SceneHints()
         self.missing: dict[int, str] = {}
         self.notes: tuple[Said, ...] = ()
-        is_separated = _has_separating_dash(paths)
-        if gaps != "close":
-            _check_whole_numbers(paths, is_separated)
-        elif not is_separated and (ordered := _order_signed(paths)):
-            self.paths = ordered
-            return
-        series = find_only_series(paths)
+        is_separated, series = _has_separating_dash(paths), find_only_series(paths)
+        if series is None or series.stamps is None:
+            if gaps != "close":
+                _check_whole_numbers(paths, is_separated)
+            elif not is_separated and (ordered := _order_signed(paths)):
+                self.paths = ordered
+                return
         if series is None:
             return
         self._series, self._numbers = series, series.numbers
@@ -218,10 +218,10 @@ def _order_signed(paths: tuple[Path, ...]) -> tuple[Path, ...]:
     values: dict[Path, Fraction] = {}
     places = set()
     for path in paths:
-        match = re.fullmatch(r"(.*?[._ ]|\D*?)(-?\d+(?:\.\d+)?)", file_stem(path))
+        match = re.fullmatch(r"(.*?[._ ]|\D*?)(-?\d+(?:[.,]\d+)?)", file_stem(path))
         if match is None:
             return ()
-        values[path] = Fraction(match[2])
+        values[path] = Fraction(match[2].replace(",", "."))
         places.add((path.parent, match[1]))
     is_whole = all(value.denominator == 1 and value >= 0 for value in values.values())
     return () if is_whole or len(places) > 1 else tuple(sorted(paths, key=values.__getitem__))
@@ -239,15 +239,16 @@ def _check_whole_numbers(paths: tuple[Path, ...], is_separated: bool) -> None:
                     "with `close_gaps=True`"
                 )
             )
-    number_and_part = r"((?:.*?[._ -])?)(\d+)(?:\.(\d+))?"
+    number_and_part = r"((?:.*?[._ -])?)(\d+)(?:[.,](\d+))?"
     matches = {stem: match for stem in stems if (match := re.fullmatch(number_and_part, stem))}
     whole = {(match[1], int(match[2])) for match in matches.values() if match[3] is None}
     parted = {stem: match for stem, match in matches.items() if match[3] is not None}
     frames = Counter((match[1], int(match[2])) for match in parted.values())
+    is_shuffled = _order_signed(paths) not in ((), paths)
     for path, stem in zip(paths, stems, strict=True):
         match = parted.get(stem)
         frame = (match[1], int(match[2])) if match else ("", -1)
-        if match and (frame in whole or 1 < frames[frame] < len(parted)):
+        if match and (frame in whole or 1 < frames[frame] < len(parted) or is_shuffled):
             raise SettingError(
                 f"{path}: is a subframe of {match[1]}{match[2]}, or of another series, as its "
                 "name holds a fraction; "

@@ -13,18 +13,21 @@ from dataclasses import dataclass, replace
 from datetime import datetime, timedelta
 from fnmatch import fnmatchcase
 from fractions import Fraction
-from itertools import pairwise
+from itertools import chain, pairwise
 from math import gcd
 from pathlib import Path
 
 from cageik_cli.formats.base.files import file_stem
 
-STAMP_FORMATS = {14: "%Y%m%d%H%M%S", 12: "%y%m%d%H%M%S", 6: "%H%M%S", 4: "%M%S"}
+STAMP_FORMATS = {14: "%Y%m%d%H%M%S", 12: "%y%m%d%H%M%S", 8: "%Y%m%d", 6: "%H%M%S", 4: "%M%S"}
 """Time stamps by the number of their digits, without those of a part of a second. Four digits are
 minutes and seconds only where something is between them."""
 
-DATE_DIGITS = 14
-"""A time stamp of so many digits, which has a date, is one also where frames are not even."""
+DAY_DIGITS, DATED_DIGITS = 8, 14
+"""Digits of a day, and of a time that has one. A time stamp with a day is one also where frames are
+not even."""
+
+DECIMAL_POINTS = (".", ",")
 
 OTHER_WORDS = (
     *("v", "ver", "version", "rev", "lod", "cam", "camera", "take", "shot", "sh", "sc", "scene"),
@@ -59,6 +62,8 @@ class NumberedFiles:
         step that all of them need.
     stamps : (int, int, int), optional
         Of time stamps: their first time, the step, and the digits of parts of a second.
+    joined : tuple of NumberedFiles
+        Frames with a sign or a fraction that are of the series, too; `paths` has all.
     """
 
     paths: tuple[Path, ...]
@@ -67,6 +72,7 @@ class NumberedFiles:
     running: range
     numbers: tuple[int, ...] = ()
     stamps: tuple[int, int, int] | None = None
+    joined: tuple["NumberedFiles", ...] = ()
 
     @property
     def has_even_fractions(self) -> bool:
@@ -99,7 +105,13 @@ class NumberedFiles:
         names = {path.name for path in self.paths}
         others = {path.name for path in beside} - names
         for digits in (False, True):
-            found = sorted({self._make_glob(k, digits) for k in range(len(self.words))})
+            found = sorted(
+                {
+                    one._make_glob(k, digits)
+                    for one in (self, *self.joined)
+                    for k in range(len(one.words))
+                }
+            )
             if not any(fnmatchcase(name, pattern) for name in others for pattern in found):
                 break
         return found
@@ -144,7 +156,7 @@ def group_series(paths: Sequence[Path]) -> list[NumberedFiles]:
             groups.setdefault((texts, path.name[len(stem) :].lower()), []).append(path)
     found = [series for group in groups.values() for series in split_series(group)]
     names = {one.name_around("\0"): k for k, one in enumerate(found) if len(one.running) == 1}
-    joined: dict[int, tuple[Path, ...]] = {}
+    joined: dict[int, tuple[NumberedFiles, ...]] = {}
     kept = []
     for k, series in enumerate(found):
         wholes = (names[name] for name in _list_whole_names(series.paths[0]) if name in names)
@@ -152,8 +164,8 @@ def group_series(paths: Sequence[Path]) -> list[NumberedFiles]:
         if owner == k:
             kept.append(k)
         else:
-            joined[owner] = joined.get(owner, ()) + series.paths
-    whole = [replace(found[k], paths=found[k].paths + joined.get(k, ())) for k in kept]
+            joined[owner] = (*joined.get(owner, ()), series)
+    whole = [_join_series(found[k], joined.get(k, ())) for k in kept]
     frames = {
         file_stem(path): n
         for n, one in enumerate(whole)
@@ -161,6 +173,11 @@ def group_series(paths: Sequence[Path]) -> list[NumberedFiles]:
         for path in one.paths
     }
     return [one for n, one in enumerate(whole) if not _is_beside(one, n, frames)]
+
+
+def _join_series(series: NumberedFiles, others: tuple[NumberedFiles, ...]) -> NumberedFiles:
+    paths = chain(series.paths, *(other.paths for other in others))
+    return replace(series, paths=tuple(paths), joined=others)
 
 
 def _list_whole_names(path: Path) -> Iterator[str]:
@@ -171,7 +188,7 @@ def _list_whole_names(path: Path) -> Iterator[str]:
         befores = [before]
         if re.fullmatch(r"(.*[._ ])?-", before):
             befores.append(before[:-1])
-        parted = re.match(r"\.\d+", behind)
+        parted = re.match(r"[.,]\d+", behind)
         afters = [behind, behind[parted.end() :]] if parted else [behind]
         yield from (f"{first}\0{last}" for first in befores for last in afters)
 
@@ -180,15 +197,19 @@ def _is_of(series: NumberedFiles, other: NumberedFiles) -> bool:
     """Return whether names are those of another series, but for signs and fractions."""
     before, _, after = other.name_around("\0").partition("\0")
     sign = "-?" if re.fullmatch(r"(.*[._ ])?", before) else ""
-    name = rf"({re.escape(before)}({sign})\d+)((?:\.\d+)?){re.escape(after)}"
+    name = rf"({re.escape(before)}({sign})(\d+))((?:[.,]\d+)?){re.escape(after)}"
     matches = [re.fullmatch(name, file_stem(path)) for path in series.paths]
-    if not all(match and (match[2] or match[3]) for match in matches):
+    found = [match for match in matches if match and (match[2] or match[4])]
+    if len(found) < len(matches):
         return False
-    # Fractions of one number alone, which is none of the frames, are those of a version.
+    # Fractions of one number alone, which is none of the frames, are those of a version, unless
+    # they run on to the frames: 0.25, 0.5, 0.75 and 1.
     stems = {file_stem(path) for path in other.paths}
-    whole = {match[1] for match in matches if match}
-    is_signed = all(match and match[2] for match in matches)
-    return is_signed or len(series.paths) == 1 or len(whole) > 1 or whole <= stems
+    whole = {match[1] for match in found}
+    if all(match[2] for match in found) or len(found) == 1 or len(whole) > 1 or whole <= stems:
+        return True
+    values = [Fraction(match[3] + match[4].replace(",", ".")) for match in found]
+    return _is_even(sorted([*values, *other.numbers]))
 
 
 def _is_beside(series: NumberedFiles, number: int, frames: Mapping[str, int]) -> bool:
@@ -304,7 +325,7 @@ def _find_rounding(whole: NumberedFiles, columns: range) -> Fraction:
 
 def _is_fraction(whole: NumberedFiles, columns: range) -> bool:
     """Return whether two numbers with a point between them are one: `0.05`, and not `v2.0005`."""
-    if whole.texts[columns[1]] != ".":
+    if whole.texts[columns[1]] not in DECIMAL_POINTS:
         return False
     pairs = {(words[columns[0]], words[columns[1]]) for words in whole.words}
     ints, parts = {first for first, _ in pairs}, {last for _, last in pairs}
@@ -312,8 +333,11 @@ def _is_fraction(whole: NumberedFiles, columns: range) -> bool:
     widths = {len(last) for last in parts}
     is_even = len(values) > 2 and _is_even(values, _find_rounding(whole, columns))
     if len(ints) == 1:
-        is_zero = int(*ints) == 0 and any(last[0] == "0" for last in parts)
-        return len(widths) > 1 and (is_even or is_zero)
+        is_zero, numbers = int(*ints) == 0, sorted(map(int, parts))
+        if len(widths) > 1:
+            return is_even or (is_zero and any(last[0] == "0" for last in parts))
+        # Steps of frames do not differ by rounding, as in 0.033, 0.067, 0.100.
+        return is_zero and is_even and not _is_even(numbers) and numbers[1] - numbers[0] > 1
     return is_even or len(ints) > max(Counter(first for first, _ in pairs).values())
 
 
@@ -371,23 +395,37 @@ def _find_stamps(whole: NumberedFiles, varying: Sequence[int]) -> NumberedFiles 
         if len(widths) > 1:
             continue
         (own,) = widths
-        parts = own[-1] if own[-1] in (3, 6) and sum(own[:-1]) in STAMP_FORMATS else 0
-        if sum(own) - parts not in STAMP_FORMATS or own == (min(STAMP_FORMATS),):
-            continue
         written = ["".join(words[k] for k in running) for words in whole.words]
-        times = [_read_stamp(each, parts) for each in written]
-        if None in times:
-            continue
-        values = [time for time in times if time is not None]
-        ordered = sorted(values)
-        is_dated = sum(own) - parts == DATE_DIGITS and len(varying) > 1
-        if not is_dated and not (len(values) > 2 and _is_even(ordered)):
-            continue
-        step = gcd(*(b - a for a, b in pairwise(ordered))) or 1
-        numbers = tuple(1 + (value - ordered[0]) // step for value in ordered)
-        series = _order(whole, values, running)
-        return replace(series, numbers=numbers, stamps=(ordered[0], step, parts))
+        for parts in _list_stamp_parts(own, whole.texts[last]):
+            times = [time for each in written if (time := _read_stamp(each, parts)) is not None]
+            ordered = sorted(times)
+            digits = sum(own) - parts
+            is_dated = len(varying) > 1 and (digits == DATED_DIGITS or own == (4, 2, 2))
+            is_even = len(times) > 2 and _is_even(ordered)
+            if len(times) < len(written) or not (is_dated or is_even):
+                continue
+            step = gcd(*(b - a for a, b in pairwise(ordered))) or 1
+            numbers = tuple(1 + (time - ordered[0]) // step for time in ordered)
+            series = _order(whole, times, running)
+            return replace(series, numbers=numbers, stamps=(ordered[0], step, parts))
     return None
+
+
+def _list_stamp_parts(own: tuple[int, ...], point: str) -> list[int]:
+    """List how many of the last digits may be a part of a second, of a stamp in numbers `own`.
+
+    They are a number of their own, of three or six digits or behind a point; but `0001.25` is a
+    frame. A day has none, and is no other digits than a year, a month and a day.
+    """
+    digits, before = sum(own), sum(own[:-1])
+    found = []
+    if digits in STAMP_FORMATS and own != (min(STAMP_FORMATS),):
+        found += [0] if digits != DAY_DIGITS or own[0] >= 4 else []
+    if before in STAMP_FORMATS and before != DAY_DIGITS:
+        is_clock = len(own) > 2 or before > DAY_DIGITS
+        is_behind_point = point in DECIMAL_POINTS and is_clock
+        found += [own[-1]] if own[-1] in (3, 6) or is_behind_point else []
+    return found
 
 
 _FIRST_TIME = datetime(1900, 1, 1)
