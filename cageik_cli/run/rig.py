@@ -188,18 +188,16 @@ def make_rig(
     with progress.stage("fit"), error_context(result.path), limit_blas_threads(1):
         solve = _read_solve_settings(result)
         target = _settle_rest(target)
-        seams = _find_seams(target)
         fit_rig = partial(
             _fit_rig,
-            target if seams is None else _weld(target, seams),
+            target,
+            _find_seams(target),
             is_shaded=is_shaded,
             solve=solve,
             memory=memory,
             jobs=jobs,
         )
         rig = fit_rig(influences, joints)
-        if seams is not None:
-            rig = _split(rig, target.binding.rest, seams)
         if rig.is_of_input:
             rig = replace(rig, total=rig.rms)
         elif input_rms is not None:
@@ -228,6 +226,7 @@ def make_rig(
 
 def _fit_rig(
     target: Reconstruction,
+    seams: Seams | None,
     influences: int | None,
     joints: str | int,
     *,
@@ -238,9 +237,11 @@ def _fit_rig(
 ) -> Rig:
     """Return the rig with the weights of the target, or with few that are fitted again.
 
-    Few weights that the target has are made for joints that only translate.
+    Few weights that the target has are made for joints that only translate. Vertices that never
+    come apart are fitted as one; errors are those of all.
     """
-    binding, turns = target.binding, joints != "translate"
+    welded = target if seams is None else _weld(target, seams)
+    binding, turns = welded.binding, joints != "translate"
     if keeps_weights(binding, influences, joints):
         return _keep_weights(target)
     if influences is None and isinstance(joints, int):
@@ -254,7 +255,7 @@ def _fit_rig(
         if influences is not None or needs_tree:
             settings = FitSettings(influences=influences)
             fitter = Fitter(binding, settings, solve=solve, memory=memory, jobs=jobs)
-            sample = fitter.sample([target])
+            sample = fitter.sample([welded])
             if needs_tree:
                 tree = group_joints(fitter.cage_solve, sample.target)
                 labels = tree.cut(joints) if isinstance(joints, int) else None
@@ -270,11 +271,16 @@ def _fit_rig(
         poser = JointSolver(solver) if turns else None
 
         def pose(block: JointPoses) -> JointPoses:
+            meshes = block.meshes if seams is None else block.meshes[:, seams.firsts]
             if poser is not None:
-                return poser.solve(block.meshes)
-            found = solver.solve(block.meshes)
-            return JointPoses(found.cages, found.rotations, found.reconstructions)
+                posed = poser.solve(meshes)
+            else:
+                found = solver.solve(meshes)
+                posed = JointPoses(found.cages, found.rotations, found.reconstructions)
+            return posed if seams is None else replace(posed, meshes=posed.meshes[:, seams.places])
 
+        if seams is not None:
+            weights = SkinWeights(weights.joints[seams.places], weights.values[seams.places])
         rig = _measure_rig(target, held.cage, weights, pose, is_shaded=turns and is_shaded)
         skin = replace(rig.skin, cage_joints=labels, limbs=limbs)
         return replace(rig, skin=skin, roughness=roughness)
@@ -349,17 +355,6 @@ def _weld(target: Reconstruction, seams: Seams) -> Reconstruction:
     if isinstance(target, InputFrames):
         return target.take(welded, seams.firsts)
     return Reconstruction(welded, target.cages)
-
-
-def _split(rig: Rig, rest: TriMesh, seams: Seams) -> Rig:
-    """Return a rig of a welded mesh as one of the mesh: those of a place move alike."""
-    weights, blocks = rig.skin.weights, rig.blocks
-    weights = SkinWeights(weights.joints[seams.places], weights.values[seams.places])
-    return replace(
-        rig,
-        skin=replace(rig.skin, rest=rest, weights=weights),
-        blocks=lambda: (replace(one, meshes=one.meshes[:, seams.places]) for one in blocks()),
-    )
 
 
 def _has_few(binding: Binding, count: int) -> bool:

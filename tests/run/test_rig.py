@@ -375,8 +375,14 @@ def test_rigs_that_are_compared_are_held_one_at_a_time(run, folder, monkeypatch)
     assert counts == [0, 1, 1]
 
 
-def test_the_stated_angles_are_those_of_the_file(run, folder):
+@pytest.mark.parametrize("is_flat", [False, True])
+def test_the_stated_angles_are_those_of_the_file(run, folder, animation, write_obj, is_flat):
     """Of its normals, as programs turn them, from those of the reconstruction."""
+    if is_flat:  # each face has its own corners
+        corners = animation.rest.faces.ravel()
+        for k, vertices in enumerate(animation.frames, start=1):
+            faces = np.arange(len(corners)).reshape(-1, 3)
+            write_obj(Path(f"frames/frame_{k}.obj"), vertices[corners], faces)
     assert run(*EXTRACT).code == 0
     assert run("export", "cages.h5", "c.glb", "--skeleton", "--influences", 3).code == 0
     rest, (expected, _) = read_result(Path("cages.h5")).rest, reconstructed()
