@@ -51,7 +51,7 @@ MAX_HELD_BYTES = 1 << 27
 DEFAULT_INFLUENCES = 4
 """Influences of fewer joints than the cage has vertices, if no number is given."""
 
-MAX_PROBED_POSES = 16
+MAX_PROBED_POSES = 100
 """Frames in which vertices that come apart are sought."""
 
 COMPARED_INFLUENCES = (4, 8, 16, 32)

@@ -2,12 +2,15 @@
 
 import numpy as np
 import pytest
+from scipy.linalg import null_space
 
 from cageik_cli.fit.settings import FitSettings
 from cageik_cli.formats.open import open_sequence
 from cageik_cli.formats.write import Output
 from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.inputs.reconstruction import CageFrames, Reconstruction
 from cageik_cli.method.weights.binding import Binding
+from cageik_cli.run import rig
 from cageik_cli.run.deform import deform
 from cageik_cli.run.extraction import extract
 from cageik_cli.run.fit import fit_weights
@@ -130,3 +133,20 @@ def test_two_models_that_touch_only_at_rest_are_fitted_apart():
     fitted = fit_weights(Binding(both, BINDING.cage, weights, BINDING.settings), [frames])
     m = len(rest.vertices)
     assert np.abs(fitted.binding.weights[:m] - fitted.binding.weights[m:]).max() > 1e-3
+
+
+@pytest.mark.parametrize("moved", [range(33, 35), range(0)])
+def test_a_skin_parts_where_the_reconstruction_does_in_a_few_frames(moved):
+    """As lips that open for two frames of sixty."""
+    weights, cage = BINDING.weights[ORIGINS], BINDING.cage.vertices
+    # What is added to the rows of some copies moves nothing at rest.
+    still = null_space(np.column_stack([cage, np.ones(len(cage))]).T)[:, 0]
+    weights[: len(weights) // 2] += 0.1 * still
+    cages = np.repeat(cage[None], 60, axis=0)
+    cages[moved] += 0.3 * still[None, :, None]
+    binding = Binding(MESH, BINDING.cage, weights, BINDING.settings)
+    frames = CageFrames(60, np.arange(60), lambda k: cages[k], lambda size: iter([cages]))
+    seams = rig._find_seams(Reconstruction(binding, frames))
+    pairs = [np.flatnonzero(vertex == ORIGINS) for vertex in SEAM]
+    welded = [len(np.unique(seams.places[pair])) == 1 for pair in pairs] if seams else [False]
+    assert all(welded) == (len(moved) == 0)
