@@ -36,6 +36,13 @@ def test_so_are_points_without_faces_and_faces_without_points(scene):
     assert "left out /points, /faces (no points or no faces)" in " ".join(texts(sequence.notes))
 
 
+def test_a_mesh_that_has_points_later_is_no_empty_one(scene):
+    """It would be lost in the frames that it is in."""
+    scene.mesh("body")
+    scene.mesh("grown", frames=[NOTHING[0], *FRAMES[1:]])
+    assert scene.refused().startswith("/grown: ")
+
+
 def test_an_empty_mesh_that_is_named_or_alone_is_refused(scene):
     scene.mesh("body")
     scene.mesh("empty", frames=NOTHING, faces=[])

@@ -150,11 +150,11 @@ class Reader(SceneReader):
         return AlembicMesh(found, self.claimed)
 
     def is_empty(self, found: Any) -> bool:
-        """Return whether an object has no points or no faces in its first sample."""
+        """Return whether an object has no points or no faces in any sample."""
         schema = _open_schema(found)
-        held = schema.getPositionsProperty(), schema.getFaceCountsProperty()
         return any(
-            each.getNumSamples() == 0 or each.getDimension(0).numPoints() == 0 for each in held
+            not any(held.getDimension(k).numPoints() for k in range(held.getNumSamples()))
+            for held in (schema.getPositionsProperty(), schema.getFaceCountsProperty())
         )
 
     def list_times(self, meshes: Sequence[SceneMesh]) -> set[float]:

@@ -189,7 +189,7 @@ class SceneReader(ClipFile):
         """Open one of the meshes that were found."""
 
     def is_empty(self, found: Any) -> bool:
-        """Return whether one of the meshes that were found has no points or no faces, at first."""
+        """Return whether one of the meshes that were found never has points, or faces."""
         return False
 
     def find_top(self, member: str | None) -> str | None:

@@ -129,17 +129,20 @@ class Reader(SceneReader):
         return UsdSceneMesh(found, self.claimed, self._rigs)
 
     def is_empty(self, found: Any) -> bool:
-        """Return whether a prim states that it has no points, or no faces, at its first time.
+        """Return whether a prim states that it has no points, or no faces, at any time.
 
         One that states nothing may lack a layer, and is refused.
         """
         from pxr import Usd, UsdGeom
 
         mesh = UsdGeom.Mesh(found)
-        held = mesh.GetPointsAttr(), mesh.GetFaceVertexCountsAttr()
         return any(
-            each.HasAuthoredValue() and not len(each.Get(Usd.TimeCode.EarliestTime()) or ())
-            for each in held
+            held.HasAuthoredValue()
+            and not any(
+                len(held.Get(time) or ())
+                for time in held.GetTimeSamples() or [Usd.TimeCode.Default()]
+            )
+            for held in (mesh.GetPointsAttr(), mesh.GetFaceVertexCountsAttr())
         )
 
     def replace_uneven(self, times: Floats) -> tuple[Floats, str]:
