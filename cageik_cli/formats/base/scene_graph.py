@@ -485,8 +485,8 @@ def sample_evenly(first: float, last: float, step: float, max_count: int) -> Flo
     count = floor(min((last - first) / step + EVEN_STEP_TOL, max_count)) + 1
     if count > max_count:
         raise FormatError(
-            f"its keys span {(last - first) / step:.0f} frames, expected at most {max_count}; bake "
-            "it to one sample per frame"
+            f"its keys span {(last - first) / step:.15g} frames, expected at most {max_count}; "
+            "bake it to one sample per frame"
         )
     return first + step * np.arange(count, dtype=np.float64)
 

@@ -203,7 +203,7 @@ class Reader(SceneReader):
         A clock without a rate of frames has that which USD takes.
         """
         codes, rate = map(self._read_rate, ("timeCodesPerSecond", "framesPerSecond"))
-        if codes is None:
+        if codes is None or codes < 1:  # such codes are longer than any frame
             return 1.0
         is_clock = not MIN_FRAME_RATE <= codes <= MAX_FRAME_RATE
         found = codes / (rate or (Scene().fps if is_clock else codes))
@@ -365,8 +365,9 @@ def _read_number(stage: Any, name: str) -> float | None:
     for layer in (stage.GetSessionLayer(), stage.GetRootLayer()):
         value = layer.pseudoRoot.GetInfo(name) if layer.pseudoRoot.HasInfo(name) else None
         if isinstance(value, int | float) and isfinite(value):
-            single = np.float32(value)
-            return float(str(single)) if single == value else float(value)
+            with np.errstate(over="ignore"):
+                single = np.float32(value)
+            return float(str(single)) if float(single) == value else float(value)
     return None
 
 
