@@ -39,9 +39,10 @@ _COMPRESSIONS = (
 _READ = ("KHR_mesh_quantization", "KHR_node_visibility", "EXT_mesh_gpu_instancing")
 
 _HARMLESS = re.compile(
-    r"(KHR|EXT|MSFT|ADOBE)_(materials|texture|lights)_\w+|KHR_xmp\w*|FB_(ngon_encoding|\w+_metadata)|"
-    r"EXT_(mesh_features|instance_features|structural_metadata|feature_metadata)|"
-    r"CESIUM_primitive_outline|VRM|VRMC_\w+|MOZ_hubs_components"
+    r"[A-Z]+_(materials|textures?|lights?|audio)_\w+|KHR_xmp\w*|FB_ngon_encoding|[A-Z]+_\w*metadata|"
+    r"EXT_(mesh_features|instance_features|mesh_primitive_edge_visibility)|"
+    r"CESIUM_primitive_outline|VRM|VRMC_\w+|MOZ_hubs_components|GODOT_single_root|"
+    r"KHR_node_(selectability|hoverability)"
 )
 """Extensions that change no position of a vertex: looks, lights, data and behaviour."""
 

@@ -83,7 +83,8 @@ class Reader(SceneReader):
         self.claimed = document.claimed
         if document.left_out:
             self._warnings.append(
-                f"needs {join_truncated(document.left_out)}, which move no vertex and are not kept"
+                "needs extensions that move no vertex and are not kept: "
+                + join_truncated(document.left_out)
             )
         names = name_animations(document)
         number, self._top = choose_animation(names, self._member)
