@@ -122,7 +122,7 @@ def discover_clips(
         no_clips += [prefix + name for name in series]
         beside += [prefix + name for name in others]
     places = ", ".join(map(str, roots))
-    left_out = f"numbered meshes whose vertices differ are no clip: {join_truncated(no_clips, 5)}"
+    left_out = f"numbered meshes whose vertices differ are no clip: {join_truncated(no_clips)}"
     if not found:
         raise FileAccessError(
             f"{places}: no clip found, expected folders of numbered frames "

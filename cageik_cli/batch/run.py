@@ -34,6 +34,7 @@ from cageik_cli.util.messages import Row, Spelling, say, spell_keyword
 from cageik_cli.util.outputs import make_folder, write_text
 from cageik_cli.util.processes import Subprocess, SubprocessError, wait_for_any
 from cageik_cli.util.progress import ProgressListener
+from cageik_cli.util.text import format_count, group_digits
 
 REPORT_FILES = {
     "index.html": render_index,
@@ -169,9 +170,14 @@ def _describe_job(job: ClipJob) -> list[Row]:
     cage = str(settings.cage or settings.binding)
     if settings.builds_cage:
         weights = "fitted" if extraction.fit is not None else "not fitted"
-        cage = f"would be built, of {settings.build.vertices} vertices; weights {weights}"
+        count = format_count(settings.build.vertices, "vertex")
+        cage = f"would be built, of {count}; weights {weights}"
     return [
-        ("frames", f"{len(sequence)} of {vertices} vertices, from {sequence.names[0]}"),
+        (
+            "frames",
+            f"{group_digits(len(sequence))} of {group_digits(vertices)} vertices, from "
+            f"{sequence.names[0]}",
+        ),
         ("cage", cage),
         ("result", f"{settings.output}, {state}"),
     ]

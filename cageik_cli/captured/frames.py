@@ -26,6 +26,7 @@ from cageik_cli.util.arrays import Floats, Mask, spread_evenly
 from cageik_cli.util.errors import FileAccessError, FormatError, InputError
 from cageik_cli.util.messages import say
 from cageik_cli.util.progress import ProgressListener
+from cageik_cli.util.text import group_digits
 from cageik_cli.util.threads import limit_blas_threads
 
 MAX_TOLERANCE_FRAMES = 16
@@ -249,7 +250,7 @@ class CapturedBlockSolver(BlockSolver[Clip]):
             fault, frame = solution.faults.get(place), block.start + place
             if (count >= least and fault is None) or frame in block.read_errors:
                 continue
-            reason = fault or f"fewer than the {least} vertices of the cage"
+            reason = fault or f"fewer than the {group_digits(least)} vertices of the cage"
             errors[frame] = FormatError(
                 f"{self.sequence.location(frame)}: {count} of {block.positions.shape[1]} vertices "
                 f"are data ({reason})"

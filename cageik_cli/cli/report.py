@@ -24,6 +24,7 @@ from cageik_cli.cli.output import (
     write_or_print,
 )
 from cageik_cli.report.film.settings import FilmSettings
+from cageik_cli.util.text import format_count
 
 if TYPE_CHECKING:
     from cageik_cli.report.overview import Overview
@@ -210,7 +211,6 @@ def _write_film(
     if path is None:
         return ""
     from cageik_cli.report.film.film import write_film
-    from cageik_cli.util.text import format_count
 
     with show_progress(not quiet, None, overwrite) as progress:
         plan = write_film(result, path, settings, overwrite, progress)

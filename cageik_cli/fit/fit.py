@@ -42,6 +42,7 @@ from cageik_cli.method.weights.binding import Binding, Correction
 from cageik_cli.util.arrays import Floats, Mask
 from cageik_cli.util.errors import CageError, SettingError
 from cageik_cli.util.settings import DEFAULT_MEMORY
+from cageik_cli.util.text import group_digits
 from cageik_cli.util.threads import OrderedMap, limit_blas_threads
 
 MAX_ROUNDS, MAX_HELD_OUT_ROUNDS = 12, 8
@@ -338,7 +339,8 @@ def _check_freedom(binding: Binding, settings: FitSettings) -> None:
     freedom = n - AFFINE_FUNCTIONS
     if freedom <= 0:
         raise CageError(
-            f"the cage has {n} vertices, which determine the weights; expected at least "
+            f"the cage has {group_digits(n)} vertices, which determine the weights; expected at "
+            "least "
             f"{AFFINE_FUNCTIONS + 1}: leave the fit out, or use a cage with more vertices"
         )
     for name, count, most in (
@@ -347,7 +349,8 @@ def _check_freedom(binding: Binding, settings: FitSettings) -> None:
     ):
         if count is not None and count > most:
             raise SettingError(
-                f"fit {name} is {count}, but the cage has {n} vertices; give {most} or fewer"
+                f"fit {name} is {count}, but the cage has {group_digits(n)} vertices; give "
+                f"{most} or fewer"
             )
     if settings.rank is not None and binding.has_offsets:
         raise SettingError(

@@ -39,6 +39,7 @@ from cageik_cli.geometry.shape import sparse_laplacian
 from cageik_cli.method.weights.binding import Correction
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import CageError
+from cageik_cli.util.text import group_digits
 from cageik_cli.util.threads import OrderedMap
 
 AFFINE_FUNCTIONS = 4
@@ -475,7 +476,8 @@ def _affine_functions(cage: TriMesh) -> Floats:
     smallest = np.linalg.svd(functions[:, 1:], compute_uv=False)[-1]
     if len(functions) < AFFINE_FUNCTIONS or smallest < 1e-9:
         raise CageError(
-            f"the {len(functions)} vertices of the cage lie in a plane (thickness {smallest:.1e} "
+            f"the {group_digits(len(functions))} vertices of the cage lie in a plane (thickness "
+            f"{smallest:.1e} "
             "of the diagonal); weights in it cannot reproduce a model; use a cage with volume"
         )
     return functions

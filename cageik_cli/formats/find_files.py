@@ -17,7 +17,7 @@ from cageik_cli.formats.base.readers import FrameFileReader, parse_mesh
 from cageik_cli.formats.base.sequence import MeshSequence
 from cageik_cli.util.errors import FileAccessError, SettingError, join_truncated
 from cageik_cli.util.files import read_input
-from cageik_cli.util.text import to_unicode
+from cageik_cli.util.text import group_digits, to_unicode
 
 MAX_COMPARED_MESHES = 16
 """Meshes of a folder that are compared, to see whether they are frames, at most."""
@@ -172,7 +172,7 @@ def _describe_folder(folder: Path) -> str:
         above = next(path for path in folder.parents if path.is_dir())
         return f"there is no folder {folder}; {_describe_folder(above)}"
     inside = sort_naturally(path for path in folder.iterdir() if path.name[0] != ".")
-    names = join_truncated((to_unicode(path.name) for path in inside), 3)
+    names = join_truncated(to_unicode(path.name) for path in inside)
     place = "this folder" if folder == Path() else folder
     return f"{place} holds {names or 'no file'}"
 
@@ -190,7 +190,7 @@ def _choose_series(folder: Path, files: list[Path]) -> list[Path]:
     kinds = {file_suffix(one.paths[0]) for one in series}
     if len(series) > 1 and len(kinds) == 1:
         series.sort(key=lambda one: one.name_around("*"))
-        names = join_truncated((one.name_around("*") for one in series), 5)
+        names = join_truncated(one.name_around("*") for one in series)
         choices = [
             f"{' '.join(_quote(folder / name) for name in one.list_globs(files))} "
             f"({len(one.paths)} meshes)"
@@ -262,7 +262,7 @@ def _check_meshes(place: str, meshes: Sequence[Path], below: str, what: str = "h
         ".abc, or .obj with objects)"
     )
     found = "a mesh" if len(meshes) == 1 else f"{len(meshes)} meshes"
-    names = join_truncated(map(_describe_mesh, counts, counts.values()), 5)
+    names = join_truncated(map(_describe_mesh, counts, counts.values()))
     raise SettingError(
         f"{place}: {what} {found}{'' if is_clip else ' that are no frames of one clip'} "
         f"({names}); {below or others}"
@@ -313,7 +313,9 @@ def _describe_mesh(path: Path, counts: tuple[int | None, int] | None) -> str:
         return name
     vertices, triangles = counts
     return f"{name} of " + (
-        f"{triangles} triangles" if vertices is None else f"{vertices} vertices"
+        f"{group_digits(triangles)} triangles"
+        if vertices is None
+        else f"{group_digits(vertices)} vertices"
     )
 
 

@@ -25,7 +25,7 @@ from cageik_cli.formats.base.sequence import ClipRequest
 from cageik_cli.formats.settings import SceneHints, parse_scene_metadata
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.arrays import Floats
-from cageik_cli.util.errors import FormatError, SettingError, join_truncated
+from cageik_cli.util.errors import MAX_LISTED, FormatError, SettingError, join_truncated
 from cageik_cli.util.messages import Note, Said
 from cageik_cli.util.text import to_unicode
 
@@ -152,7 +152,7 @@ def _read_attribute(file: Any, clip: str, name: str, default: float) -> Floats:
 
 
 def _join_names(names: list[str]) -> str:
-    return join_truncated(to_unicode(name) for name in names)
+    return join_truncated((to_unicode(name) for name in names), MAX_LISTED)
 
 
 class Reader(ClipFile):

@@ -19,7 +19,7 @@ from cageik_cli.formats.base.mesh_data import FileMesh
 from cageik_cli.formats.base.readers import FrameFileReader
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import FormatError
-from cageik_cli.util.text import single_line
+from cageik_cli.util.text import group_digits, single_line
 
 MAX_QUOTED_LETTERS = 40
 """Letters of a word or a row that a message quotes, at most."""
@@ -87,7 +87,9 @@ def _read_counts(rows: Rows) -> tuple[int, int, list[Rows]]:
         raise FormatError("it does not say how many vertices and faces it has")
     count, faces = _to_numbers(words[:2], np.int64).tolist()
     if min(count, faces) < 0:
-        raise FormatError(f"it announces {count} vertices and {faces} faces")
+        raise FormatError(
+            f"it announces {group_digits(count)} vertices and {group_digits(faces)} faces"
+        )
     rest = rows[taken:]
     return count, faces, [rest, [words[3:], *rest]] if len(words) > 3 else [rest]
 
@@ -126,7 +128,8 @@ def _join(
     """Return the vertices of rows, and polygons; refuse others than are announced."""
     if (len(rows), len(polygons)) != (count, faces):
         raise FormatError(
-            f"it announces {count} vertices and {faces} faces, but holds {len(rows)} and "
+            f"it announces {group_digits(count)} vertices and {group_digits(faces)} faces, but "
+            f"holds {group_digits(len(rows))} and "
             f"{len(polygons)}"
         )
     short = next((row for row in rows if len(row) < 3), None)

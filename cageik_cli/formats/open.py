@@ -32,7 +32,7 @@ from cageik_cli.util.errors import (
 )
 from cageik_cli.util.files import read_input
 from cageik_cli.util.messages import Hint, Note, Said, say
-from cageik_cli.util.text import to_unicode
+from cageik_cli.util.text import group_digits, to_unicode
 
 _UNSUPPORTED_REASONS = {
     ".bvh .c3d .asf .amc": "holds the motion of a skeleton, not a mesh; export the mesh that it "
@@ -177,10 +177,11 @@ def find_rest_index(sequence: MeshSequence, rest_frame: RestFrame) -> int:
 def load_rest_frame(sequence: MeshSequence, index: int) -> LoadedMesh:
     """Read a frame of a clip as its rest pose."""
     positions = sequence.read_frame(index)
-    missing = np.count_nonzero(np.isnan(positions[:, 0]))
+    missing = int(np.count_nonzero(np.isnan(positions[:, 0])))
     if missing:
         raise FormatError(
-            f"{sequence.location(index)}: {missing} of {len(positions)} vertices of the rest "
+            f"{sequence.location(index)}: {group_digits(missing)} of "
+            f"{group_digits(len(positions))} vertices of the rest "
             "pose are missing; "
             + say("take a complete frame by `rest_frame=`, or a mesh by `rest=`")
         )
@@ -224,7 +225,7 @@ def load_mesh(name: Path | Source, exclude: Sequence[str] = ()) -> LoadedMesh:
         whole = read.make_mesh()
         mesh, _, left_out = select_parts(whole, source.member, exclude)
         origin = describe_source(source.file, data) | {"name": to_unicode(source.name)}
-        notes = tuple(map(Note, (*read.notes, *describe_folded(whole), *left_out)))
+        notes = tuple(map(Note, (*read.notes, *map(str, describe_folded(whole)), *left_out)))
         is_welded = not reader.numbers_vertices
         return LoadedMesh(mesh, origin, notes, Path(str(source)), is_welded=is_welded)
 

@@ -23,7 +23,7 @@ from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.shape import compute_corner_normals, has_vertex_normals
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import FormatError
-from cageik_cli.util.text import single_line
+from cageik_cli.util.text import group_digits, single_line
 
 NORMAL_NAMES = ("nx", "ny", "nz")
 
@@ -227,7 +227,9 @@ def _read_layer(
     if name == "uvs" and corner_uvs is not None and corner_uvs[1].any():
         values, sizes = corner_uvs
         if len(sizes) != len(attributes.corner_counts):
-            raise FormatError(f"{len(sizes)} lists for {len(attributes.corner_counts)} faces")
+            raise FormatError(
+                f"{len(sizes)} lists for {group_digits(len(attributes.corner_counts))} faces"
+            )
         given = sizes > 0
         if (sizes != np.where(given, 2 * attributes.corner_counts, 0)).any():
             raise FormatError("a face needs two numbers per corner")

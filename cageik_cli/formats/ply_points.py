@@ -28,6 +28,7 @@ from cageik_cli.formats.ply import (
 from cageik_cli.method.points.oriented import REST_COUNTS, Splats
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import FormatError, OutputError, join_truncated
+from cageik_cli.util.text import group_digits
 
 MOVED = np.dtype([(name, np.float64) for name in (*"xyz", *NORMAL_NAMES)])
 """Places and normals, before they are rounded to the types of a file."""
@@ -138,7 +139,8 @@ def parse_points(data: bytes) -> PointFile | None:
     smallest = 2 * len(vertex.type_codes) - 1 if file.is_text else kind.itemsize
     if vertex.count * smallest > left + file.is_text:
         raise FormatError(
-            f"announces {vertex.count} points of at least {smallest} bytes, but {left} bytes "
+            f"announces {group_digits(vertex.count)} points of at least {smallest} bytes, but "
+            f"{left} bytes "
             "follow; it is cut short, export it again"
         )
     head = data[: file.head_size]
@@ -164,7 +166,7 @@ def _check_points(vertex: Element) -> None:
     for axis in "xyz":
         code = vertex.type_codes.get(axis)
         if code is None:
-            shown = join_truncated(names, 8)
+            shown = join_truncated(names)
             raise FormatError(f"its points have no property `{axis}` (found {shown}); export it")
         if code not in "efd":
             raise FormatError(f"its `{axis}` is a whole number, expected float or double")
@@ -182,7 +184,9 @@ def _read_text_rows(file: PlyRows) -> NDArray[Any]:
     count = file.line_count
     if count != points.count:
         more = "more" if count > points.count else str(count)
-        raise FormatError(f"announces {points.count} points, holds {more}; export it again")
+        raise FormatError(
+            f"announces {group_digits(points.count)} points, holds {more}; export it again"
+        )
     try:
         return file.read_rows(points)
     except (ValueError, OverflowError, struct.error) as error:

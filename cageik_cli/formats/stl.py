@@ -22,7 +22,7 @@ from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import ConnectivityError, FormatError
 from cageik_cli.util.messages import say
-from cageik_cli.util.text import format_count, number_names, single_line, to_unicode
+from cageik_cli.util.text import format_count, group_digits, number_names, single_line, to_unicode
 
 HEADER_BYTES = 84
 """Bytes before the triangles of a binary file: 80 of anything, and the number of triangles."""
@@ -127,7 +127,8 @@ def _read_corners(data: bytes) -> tuple[Floats, Solids]:
                     f"{HEADER_BYTES} bytes; export it again"
                 )
             raise FormatError(
-                f"announces {count} triangles, which take {expected} bytes, but has {size}, and is "
+                f"announces {group_digits(count)} triangles, which take {expected} bytes, but "
+                f"has {size}, and is "
                 "no text that begins with `solid`: it is cut short, damaged or not STL; export it "
                 "again"
             )
@@ -154,7 +155,8 @@ def _load_corners(data: bytes, count: int) -> Floats:
         raise FormatError(f"is not a sound STL mesh ({error}); export it again") from error
     if corners.shape != (3 * count, 3):
         raise FormatError(
-            f"holds {count} triangles, but {corners.size // 9} can be read; export it again"
+            f"holds {group_digits(count)} triangles, but {group_digits(corners.size // 9)} can "
+            "be read; export it again"
         )
     return corners
 
@@ -264,7 +266,8 @@ class CornerMap:
             found, wanted = len(corners) // 3, len(self.numbers) // 3
             cut = "; if it is cut off, export it again" * (found < wanted)
             raise ConnectivityError(
-                f"{found} triangles, the rest pose has {wanted}; all must share one "
+                f"{group_digits(found)} triangles, the rest pose has {group_digits(wanted)}; all "
+                "must share one "
                 f"connectivity{cut}"
             )
         if len(self._first_corners) != self.vertex_count:

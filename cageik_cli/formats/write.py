@@ -36,7 +36,13 @@ from cageik_cli.util.outputs import (
     write_bytes,
 )
 from cageik_cli.util.progress import ProgressListener
-from cageik_cli.util.text import format_bytes, format_count, make_file_name, number_names
+from cageik_cli.util.text import (
+    format_bytes,
+    format_count,
+    group_digits,
+    make_file_name,
+    number_names,
+)
 from cageik_cli.util.units import list_size_notes
 
 DEFAULT_FORMAT = "obj"
@@ -258,7 +264,7 @@ class ExportSummary:
     def message(self) -> str:
         """A line for the user."""
         frames = format_count(self.frame_count, "frame")
-        counts = f"{frames} of {self.vertex_count} {self.unit}"
+        counts = f"{frames} of {group_digits(self.vertex_count)} {self.unit}"
         return f"wrote {self.path}: {counts}, {format_bytes(self.byte_count)}"
 
 

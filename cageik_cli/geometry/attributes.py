@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from cageik_cli.util.arrays import Floats, Integers, Mask
 from cageik_cli.util.errors import FormatError
-from cageik_cli.util.text import format_count
+from cageik_cli.util.text import format_count, group_digits
 
 MAX_NAMES = 100_000
 """Names of materials, groups, objects or smoothing groups of a mesh."""
@@ -361,7 +361,7 @@ class SurfaceAttributes:
             object.__setattr__(self, name, array)
         count, total = len(self.corners), int(self.corner_counts.sum())
         if total != count:
-            raise FormatError(f"polygons of {total} corners name {count} vertices")
+            raise FormatError(f"polygons of {total} corners name {group_digits(count)} vertices")
         for name, layer in LAYERS.items():
             held = getattr(self, name)
             if isinstance(held, UvMap):

@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 from cageik_cli.geometry.attributes import SurfaceAttributes, fan_triangulate
 from cageik_cli.util.arrays import Floats, Integers, Number
 from cageik_cli.util.errors import FormatError
+from cageik_cli.util.text import group_digits
 
 MAX_COORDINATE = 1e50
 """Larger coordinates are refused: squares of areas and volumes would overflow."""
@@ -251,7 +252,8 @@ def validate_positions(positions: ArrayLike) -> Floats:
         x, y, z = array[vertex]
         raise FormatError(
             f"vertex {vertex} is ({x:g}, {y:g}, {z:g}) and {np.count_nonzero(~finite)} of "
-            f"{len(array)} vertices are not finite; expected finite numbers; export the file again"
+            f"{group_digits(len(array))} vertices are not finite; expected finite numbers; "
+            "export the file again"
         )
     if max(array.max(), -array.min()) > MAX_COORDINATE:
         vertex = int(np.argmax(np.abs(array).max(axis=1) > MAX_COORDINATE))
@@ -323,7 +325,7 @@ def _validate_faces(faces: ArrayLike, vertex_count: int) -> Integers:
         face = int(np.argmax(wrong.any(axis=1)))
         raise FormatError(
             f"face {face} names vertices {', '.join(map(str, array[face]))} (counted from 0), "
-            f"but there are {vertex_count} vertices; export the mesh again"
+            f"but there are {group_digits(vertex_count)} vertices; export the mesh again"
         )
     return array
 

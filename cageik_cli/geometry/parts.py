@@ -24,10 +24,7 @@ from cageik_cli.geometry.attributes import (
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import join_truncated
-from cageik_cli.util.text import number_names
-
-MAX_PARTS_NAMED = 4
-"""Parts that a sentence names; the others are counted."""
+from cageik_cli.util.text import group_digits, number_names
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -379,8 +376,11 @@ def count_by_part(mesh: TriMesh, vertices: Integers) -> list[PartShare]:
 
 def describe_by_part(shares: Iterable[PartShare]) -> str:
     """Return text such as ` (/hero/body 12 of 208, /hero/jacket 4 of 112)`; empty for nothing."""
-    texts = [f"{share.name} {share.found} of {share.total}" for share in shares]
-    return f" ({join_truncated(texts, MAX_PARTS_NAMED)})" if texts else ""
+    texts = [
+        f"{share.name} {group_digits(share.found)} of {group_digits(share.total)}"
+        for share in shares
+    ]
+    return f" ({join_truncated(texts)})" if texts else ""
 
 
 def _find_part(parts: Parts, vertices: Integers | int) -> Integers:

@@ -50,6 +50,7 @@ from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import SettingError, error_context, join_truncated
 from cageik_cli.util.messages import Said, say
 from cageik_cli.util.progress import ProgressListener, note_all
+from cageik_cli.util.text import group_digits
 from cageik_cli.util.threads import limit_blas_threads
 
 
@@ -222,10 +223,11 @@ class CagedModel:
 def report_skipped_frames(result: StoredAnimation, progress: ProgressListener) -> None:
     """Note which frames were skipped, and what is written instead."""
     if result.gaps:
-        names = join_truncated((result.frames[k] for k in result.gaps), 5)
+        names = join_truncated(result.frames[k] for k in result.gaps)
         progress.note(
             "note",
-            f"{len(result.gaps)} of {len(result.frames)} frames skipped ({names}); their "
+            f"{group_digits(len(result.gaps))} of {group_digits(len(result.frames))} frames "
+            f"skipped ({names}); their "
             "cages are interpolated, or the nearest at either end of the clip",
         )
 
@@ -325,9 +327,9 @@ def _describe_distances(name: str, distances: Floats) -> str:
     count = int((distances >= MAX_TRANSFER_DISTANCE).sum())
     if count:
         text += (
-            f"; {count} of {len(distances)} vertices are {MAX_TRANSFER_DISTANCE:.0%} away or more, "
+            f"; {group_digits(count)} of {group_digits(len(distances))} vertices are "
+            f"{MAX_TRANSFER_DISTANCE:.0%} away or more, and have computed weights"
         )
-        text += "and have computed weights"
     return text
 
 

@@ -36,7 +36,7 @@ from cageik_cli.util.arrays import Floats, spread_evenly
 from cageik_cli.util.errors import InputError, SettingError, error_context
 from cageik_cli.util.messages import Note
 from cageik_cli.util.progress import ProgressListener, note_all
-from cageik_cli.util.text import to_unicode
+from cageik_cli.util.text import format_decimals, to_unicode
 
 if TYPE_CHECKING:  # what it imports takes long
     from cageik_cli.inputs.reconstruction import CageFrames
@@ -220,7 +220,7 @@ def _explain_choice(best: int, percents: dict[int, float], timeline: Timeline) -
     """Say how much of the frame touches, beside the first frame and the worst one."""
     first, most = next(iter(percents)), max(percents, key=lambda index: percents[index])
     others = [
-        f"{percents[k]:.1f} % in frame {timeline.number_frame(k)}"
+        f"{format_decimals(percents[k], 1)} % in frame {timeline.number_frame(k)}"
         for k in dict.fromkeys((first, most))
         if k != best
     ]
@@ -229,8 +229,9 @@ def _explain_choice(best: int, percents: dict[int, float], timeline: Timeline) -
         compared = f"{len(percents)} of {compared}"
     beside = f" ({', '.join(others)})" if others else ""
     return (
-        f"frame {timeline.number_frame(best)} is the rest pose: {percents[best]:.1f} % of its "
-        f"surface is near another part, the least of {compared}{beside}"
+        f"frame {timeline.number_frame(best)} is the rest pose: "
+        f"{format_decimals(percents[best], 1)} % of its surface is near another part, the least "
+        f"of {compared}{beside}"
     )
 
 

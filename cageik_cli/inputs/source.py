@@ -124,7 +124,7 @@ def _check_one_file(path: Path, role: Role) -> None:
         )
     if glob.has_magic(str(path)) and not path.exists():
         found = sort_naturally(map(Path, glob.glob(str(path), recursive=True)))
-        names = join_truncated((to_unicode(file.name) for file in found), 3) or "no file"
+        names = join_truncated(to_unicode(file.name) for file in found) or "no file"
         raise FileAccessError(
             f"{path}: is a pattern ({names}), expected one file; "
             + say("give the frames of a clip as `frames=`, and one file as ")

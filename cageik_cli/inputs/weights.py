@@ -29,6 +29,7 @@ from cageik_cli.util.errors import CageError, OutputError, SettingError, error_c
 from cageik_cli.util.messages import Hint, Note, Said, say
 from cageik_cli.util.outputs import check_writable
 from cageik_cli.util.progress import ProgressListener
+from cageik_cli.util.text import group_digits
 
 BUILT_CAGE = "built cage"
 """Name of a cage that was built for the run, in place of that of a file."""
@@ -129,7 +130,8 @@ def bind_cached(
     """
     if is_own_cage and _are_same(cage.mesh, rest.mesh):
         raise CageError(
-            f"is the model itself, {len(rest.mesh.vertices)} vertices at the same places, expected "
+            f"is the model itself, {group_digits(len(rest.mesh.vertices))} vertices at the same "
+            "places, expected "
             "a coarse cage around it; give one, or build it by cageik cage"
         )
 

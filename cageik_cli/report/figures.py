@@ -16,11 +16,17 @@ Error definitions, for F frames of m vertices, D the rest bounding box's diagona
 from dataclasses import dataclass
 from typing import Any
 
-from cageik_cli.util.text import format_count
+from cageik_cli.util.text import format_count, format_decimals, group_digits
 from cageik_cli.util.units import UNIT_LENGTHS, find_unit
 
 REPORT_SCHEMA = 1
 """Version of the JSON of a report and of a batch; it changes when a field does."""
+
+PERCENT_DECIMALS = 4
+"""Decimals of values in percent, and of the limits that they are compared with."""
+
+LENGTH_DIGITS = 6
+"""Digits of lengths in file units."""
 
 METRIC_UNITS = ("m", "cm", "mm")
 """Units in which metric lengths are read, the longest first."""
@@ -166,12 +172,12 @@ class VertexMetrics:
 
 def format_percent(value: float) -> str:
     """Format a value in percent as in all views."""
-    return f"{value:.4f}"
+    return format_decimals(value, PERCENT_DECIMALS)
 
 
 def format_length(value: float) -> str:
     """Format a length in file units as in all views."""
-    return f"{value:.6g}"
+    return group_digits(f"{value:.{LENGTH_DIGITS}g}")
 
 
 def format_scene_length(clip: ClipRecord, percent: float, digits: int = 2) -> str:
@@ -185,18 +191,21 @@ def format_scene_length(clip: ClipRecord, percent: float, digits: int = 2) -> st
         metres = size * clip.metres_per_unit
         unit = next((name for name in METRIC_UNITS if metres >= UNIT_LENGTHS[name]), "mm")
         size = metres / UNIT_LENGTHS[unit]
-    number = format_briefly(size, digits)
+    number = group_digits(format_briefly(size, digits))
     return number if unit is None else f"{number} {unit}"
 
 
 def format_briefly(value: float, digits: int = 2) -> str:
     """Format a number, zero or above, with the few digits that are read, and never fewer."""
-    return f"{value:.0f}" if value >= 10 ** (digits - 1) else f"{value:#.{digits}g}"
+    if value == 0 or value >= 10 ** (digits - 1):
+        return f"{value:.0f}"
+    return f"{value:#.{digits}g}"
 
 
 def format_change(value: float) -> str:
     """Format a change in percent, with its sign, as in all views."""
-    return f"{round(value, 4) + 0.0:+.4f}"  # −0 + 0 is 0
+    text = format_percent(value + 0.0)  # −0 + 0 is 0
+    return text if text.startswith("-") else f"+{text}"
 
 
 def format_metric(value: float) -> str:
@@ -207,11 +216,6 @@ def format_metric(value: float) -> str:
 def convert_to_integer(number: float) -> float:
     """Return a whole number as an integer, which is written without a point."""
     return int(number) if number == int(number) else number
-
-
-def group_digits(count: int, group: str = " ") -> str:
-    """Format a number with its digits in groups of three."""
-    return f"{count:,}".replace(",", group)
 
 
 def explain_missing_volume(clip: ClipRecord) -> str:
@@ -228,13 +232,14 @@ def describe_kept(kept: KeptSummary | None, vertices: int) -> list[tuple[str, st
     rows = []
     if kept.most_missing:
         text = (
-            f"{kept.missing_percent:.2f} % of the vertices of the frames, most in "
-            f"{kept.most_missing_frame}: {kept.most_missing} of {vertices}"
+            f"{format_decimals(kept.missing_percent, 2)} % of the vertices of the frames, most in "
+            f"{kept.most_missing_frame}: {group_digits(kept.most_missing)} of "
+            f"{group_digits(vertices)}"
         )
         rows.append(("missing", text))
     if kept.most_rejected:
         text = (
-            f"{kept.rejected_percent:.2f} % of the data, most in "
+            f"{format_decimals(kept.rejected_percent, 2)} % of the data, most in "
             f"{kept.most_rejected_frame}: {format_count(kept.most_rejected, 'vertex')}"
         )
         error = (

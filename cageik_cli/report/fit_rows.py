@@ -21,7 +21,7 @@ from cageik_cli.report.figures import format_percent
 from cageik_cli.store.result import Result, read_baseline_errors
 from cageik_cli.util.errors import join_truncated
 from cageik_cli.util.messages import Hint, Row, Said, say
-from cageik_cli.util.text import format_bytes, format_count
+from cageik_cli.util.text import format_bytes, format_count, format_decimals, group_digits
 
 _STRENGTH_REASONS = {
     StrengthLimit.FRAMES: f"of fewer than {MIN_DISTINCT_FRAMES} distinct frames, it stays smooth",
@@ -199,7 +199,7 @@ def format_fit_line(report: FitReport) -> str:
 
 def _describe_settings(record: FitRecord) -> str:
     settings, report = record.settings, record.report
-    names = join_truncated((clip.name for clip in record.clips), limit=3)
+    names = join_truncated(clip.name for clip in record.clips)
     parts = []
     for name, value in asdict(settings).items():
         if name in ("regularization", "smoothness"):
@@ -211,15 +211,16 @@ def _describe_settings(record: FitRecord) -> str:
         elif value is not None:
             parts.append(f"{name} {value:g}" if isinstance(value, float) else f"{name} {value}")
     frames = format_count(report.frames, "frame")
-    return f"{', '.join(parts)}; {report.fitted_frames} of {frames} of {names}"
+    return f"{', '.join(parts)}; {group_digits(report.fitted_frames)} of {frames} of {names}"
 
 
 def _format_comparison(comparison: Comparison) -> str:
     fitted, unfitted = comparison.fitted, comparison.unfitted
     return (
-        f"{format_percent(fitted.rms)} % (99 % of deviations below {fitted.percentile:.2f}, "
-        f"largest {fitted.largest:.2f}); unfitted {format_percent(unfitted.rms)} % "
-        f"({unfitted.percentile:.2f}, {unfitted.largest:.2f})"
+        f"{format_percent(fitted.rms)} % (99 % of deviations below "
+        f"{format_decimals(fitted.percentile, 2)}, "
+        f"largest {format_decimals(fitted.largest, 2)}); unfitted {format_percent(unfitted.rms)} % "
+        f"({format_decimals(unfitted.percentile, 2)}, {format_decimals(unfitted.largest, 2)})"
     )
 
 

@@ -12,7 +12,14 @@ from decimal import ROUND_FLOOR, Decimal, localcontext
 from pathlib import Path
 from typing import Any
 
-from cageik_cli.report.figures import REPORT_SCHEMA, ReportSummary, format_length, format_percent
+from cageik_cli.report.figures import (
+    LENGTH_DIGITS,
+    PERCENT_DECIMALS,
+    REPORT_SCHEMA,
+    ReportSummary,
+    format_length,
+    format_percent,
+)
 from cageik_cli.util.errors import FormatError, SettingError, error_context
 from cageik_cli.util.json_files import JsonFormat, format_value, read_json
 from cageik_cli.util.messages import Hint
@@ -24,6 +31,9 @@ PERCENT, FILE_UNITS = "%", "units"
 
 MAX_USUAL_PERCENT = 5
 """A limit in units that is more percent of the diagonal was probably meant in percent."""
+
+MAX_PERCENT_ROUNDING = Decimal(5).scaleb(-PERCENT_DECIMALS - 1)
+"""Percent; values up to this, half the last decimal, differ from run to run, and keep any limit."""
 
 MAX_BASELINE_BYTES = 256 << 20
 """Largest file that is read."""
@@ -158,8 +168,9 @@ def check_limits(name: str, summary: ReportSummary, limits: Limits) -> tuple[Lim
     """Compare a result of this name and summary with the limits.
 
     A limit computed from a baseline is the earlier value as printed, times 1 + regression/100,
-    rounded down to the digits in which metrics are printed. Rounding changes no verdict, since the
-    compared values have no more digits; and a metric that has not changed always passes.
+    rounded down to the decimals in which metrics are printed. Rounding changes no verdict, since
+    the compared values have no more decimals, or are rounding themselves; and a metric that has not
+    changed always passes.
     """
     checks = [_check_limit(limit, summary) for limit in limits.limits]
     baseline = limits.baseline
@@ -204,13 +215,14 @@ def _allow_regression(baseline_value: Decimal, max_regression: Decimal) -> Decim
     # Enough digits for the exact product of any two floats, before it is rounded.
     with localcontext(prec=1000):
         max_value = (baseline_value + baseline_value * max_regression / 100).quantize(
-            Decimal(format_percent(0)), ROUND_FLOOR
+            Decimal(1).scaleb(-PERCENT_DECIMALS), ROUND_FLOOR
         )
     return min(max_value, Decimal(sys.float_info.max))
 
 
 def _check_limit(limit: Limit, summary: ReportSummary) -> LimitCheck:
     found = _round_as_printed(summary, limit.metric, limit.unit)
+    is_rounding = limit.unit == PERCENT and found is not None and found <= MAX_PERCENT_ROUNDING
     frames = {
         "max_deviation": summary.max_deviation_frame,
         "volume_change": summary.volume_change_frame,
@@ -221,7 +233,7 @@ def _check_limit(limit: Limit, summary: ReportSummary) -> LimitCheck:
         limit=float(limit.value),
         found=None if found is None else float(found),
         frame=frames.get(limit.metric, summary.worst_frame),
-        passed=None if found is None else found <= limit.value,
+        passed=None if found is None else found <= limit.value or is_rounding,
     )
 
 
@@ -239,7 +251,7 @@ def _round_as_printed(summary: ReportSummary, metric: str, unit: str) -> Decimal
     }[metric, unit]
     if value is None:
         return None
-    return Decimal(format_percent(value) if unit == PERCENT else format_length(value))
+    return Decimal(format_percent(value) if unit == PERCENT else f"{value:.{LENGTH_DIGITS}g}")
 
 
 def make_overall_verdict(checks: Sequence[LimitCheck]) -> tuple[str, str]:

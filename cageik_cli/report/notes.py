@@ -27,7 +27,7 @@ from cageik_cli.store.result import (
 from cageik_cli.util.arrays import Floats, Integers, Mask
 from cageik_cli.util.errors import join_truncated
 from cageik_cli.util.messages import Hint, Note, Said, Text, say
-from cageik_cli.util.text import format_count
+from cageik_cli.util.text import format_count, group_digits
 from cageik_cli.util.units import LONG_UNIT_NAMES, PROGRAM_UNITS, find_units_of_ratio
 
 MIN_DATA_PER_CAGE_VERTEX = 2
@@ -150,8 +150,9 @@ def _note_mirrored_frames(result: Result) -> Iterator[Said]:
     mirrored = known[shares[known] < MAX_MIRRORED_SHARE]
     if len(mirrored):
         yield (
-            f"{len(mirrored)} of {len(result.frames)} frames are mirrored relative to the rest "
-            f"pose ({_name_frames(result, mirrored, 3)}): their volume has the other sign; a scale "
+            f"{group_digits(len(mirrored))} of {group_digits(len(result.frames))} frames are "
+            "mirrored relative to the rest "
+            f"pose ({_name_frames(result, mirrored)}): their volume has the other sign; a scale "
             "of -1 or another handedness of the axes in the export is the likely cause"
         )
 
@@ -197,7 +198,8 @@ def _note_few_vertices(result: Result) -> Iterator[Said]:
     data, points = int(np.isfinite(result.vertex_rms).sum()), len(result.cage.vertices)
     if data < MIN_DATA_PER_CAGE_VERTEX * points:
         yield (
-            f"{data} vertices of the model are data, and the cage has {points}: with fewer than "
+            f"{group_digits(data)} vertices of the model are data, and the cage has {points}: "
+            "with fewer than "
             f"{MIN_DATA_PER_CAGE_VERTEX} per cage vertex the cage follows them more closely than "
             "the surface between them, so the error is too small; take a smaller cage or a denser "
             "model"
@@ -299,7 +301,7 @@ def _note_isolated_outliers(result: Result) -> Iterator[Said]:
         rms, percent = result.vertex_rms, 100 / result.rest.diagonal
         around = average_neighbours(result.rest, rms)
         worst = int(found[rms[found].argmax()])
-        numbers = join_truncated(map(str, found.tolist()), 5)
+        numbers = join_truncated(map(str, found.tolist()))
         yield (
             f"{format_count(len(found), 'vertex')} moving unlike the neighbours: {numbers}; "
             f"vertex {name_vertex(result.rest, worst)} is off by "
@@ -321,8 +323,8 @@ def _find_isolated_outliers(result: Result) -> Mask:
     return np.asarray((rms > MIN_OUTLIER_RATIO * around) & (percent * rms > MIN_OUTLIER_PERCENT))
 
 
-def _name_frames(result: Result, frames: Integers, max_named: int = 5) -> str:
-    return join_truncated((result.frames[k] for k in frames.tolist()), max_named)
+def _name_frames(result: Result, frames: Integers) -> str:
+    return join_truncated(result.frames[k] for k in frames.tolist())
 
 
 def judge_quality(rms_percent: float, max_deviation_percent: float) -> str:

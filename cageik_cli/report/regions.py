@@ -16,6 +16,7 @@ from cageik_cli.report.figures import ReportSummary, format_percent
 from cageik_cli.store.result import Result, StoredAnimation
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.messages import Said, say
+from cageik_cli.util.text import format_decimals
 
 CAUSES: dict[Cause, tuple[str, Said]] = {
     Cause.SMOOTHING: (
@@ -170,7 +171,7 @@ def format_centre(region: RegionRecord) -> str:
 
 def format_size(region: RegionRecord) -> str:
     """Format the size of a region, percent of the diagonal, as in all views."""
-    return f"{region.size_percent:.1f} %"
+    return f"{format_decimals(region.size_percent, 1)} %"
 
 
 def name_cause(region: RegionRecord) -> str:

@@ -44,8 +44,8 @@ SHARED_MEANINGS = (
     (
         "Verdict",
         "",
-        "Values are compared with their limits as printed here. If a limit is exceeded, the "
-        "command ends with exit code 3.",
+        "Values are compared with their limits as printed here; up to 0.00005 %, which may be "
+        "rounding, they keep any limit. If a limit is exceeded, the command ends with exit code 3.",
     ),
 )
 """Term, formula and explanation of what is the same for all results."""
@@ -190,7 +190,8 @@ EDIT_MEANINGS = (
     (
         "Most moved, median and least moved frame",
         "",
-        "By the RMS distance moved of the frame. Vertices are coloured by |v̂ − v|; all poses share "
+        "By the RMS distance moved of the frame. Vertices are coloured by |v̂ − v|; all poses "
+        "share "
         "one colour scale.",
     ),
 )

@@ -28,6 +28,7 @@ from cageik_cli.method.solve.settings import SolveSettings
 from cageik_cli.method.solve.vertex_weights import make_vertex_weights
 from cageik_cli.method.weights.binding import Binding, Poses, reconstruct_frames
 from cageik_cli.method.weights.settings import BindSettings
+from cageik_cli.report.figures import format_percent
 from cageik_cli.run import extraction as file_extraction
 from cageik_cli.run.extraction import Extraction
 from cageik_cli.run.fit import choose_fit, choose_norm, fit_weights
@@ -357,7 +358,7 @@ class CageAnimation:
     def __repr__(self) -> str:
         return (
             f"<CageAnimation: {len(self)} cages of {self.cages.shape[1]} vertices, "
-            f"rms {self.rms_percent:.4f} % of the diagonal>"
+            f"rms {format_percent(self.rms_percent)} % of the diagonal>"
         )
 
     @property

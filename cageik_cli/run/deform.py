@@ -158,7 +158,7 @@ class _Deformation:
             edited=None if result is None else CageFrames.from_result(result),
         )
         if clip.missing:
-            names = join_truncated((clip.names[k] for k in sorted(clip.missing)), 5)
+            names = join_truncated(clip.names[k] for k in sorted(clip.missing))
             missing = f"{len(clip.missing)} cages are missing ({names}) and interpolated"
             progress.note("note", missing)
         return clip

@@ -40,6 +40,7 @@ from cageik_cli.util.errors import SettingError
 from cageik_cli.util.messages import Hint, join_texts, say
 from cageik_cli.util.outputs import check_no_overlap
 from cageik_cli.util.progress import ProgressListener
+from cageik_cli.util.text import group_digits
 from cageik_cli.util.threads import count_processors, limit_blas_threads
 
 MAX_EXPORT_BYTES = 1 << 26
@@ -184,7 +185,9 @@ def _write_skeleton(
         summary = write_converted(
             settings.output, settings.to, animation, places, progress, make_writer
         )
-    return replace(summary, unit=f"joints that move {len(result.rest.vertices)} vertices")
+    return replace(
+        summary, unit=f"joints that move {group_digits(len(result.rest.vertices))} vertices"
+    )
 
 
 def _write_with_model(
@@ -215,7 +218,9 @@ def _write_with_model(
         summary = write_converted(settings.output, settings.to, animation, frames, progress)
     own = len(result.cage.vertices)
     return replace(
-        summary, unit=f"vertices, {own} of the cage and {len(result.rest.vertices)} of the model"
+        summary,
+        unit=f"vertices, {group_digits(own)} of the cage and "
+        f"{group_digits(len(result.rest.vertices))} of the model",
     )
 
 

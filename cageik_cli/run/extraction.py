@@ -18,7 +18,7 @@ from cageik_cli.formats.base.mesh_data import LoadedMesh
 from cageik_cli.formats.base.sequence import MeshSequence
 from cageik_cli.formats.settings import Scene, SceneHints
 from cageik_cli.geometry.mesh import MIN_VOLUME_RATIO, TriMesh
-from cageik_cli.geometry.parts import MAX_PARTS_NAMED, count_by_part
+from cageik_cli.geometry.parts import count_by_part
 from cageik_cli.inputs.clip import (
     VertexWeights,
     load_vertex_weights,
@@ -82,7 +82,7 @@ from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import FileAccessError, error_context, join_truncated
 from cageik_cli.util.messages import Note, Said, say
 from cageik_cli.util.progress import ProgressListener
-from cageik_cli.util.text import format_count
+from cageik_cli.util.text import format_count, group_digits
 from cageik_cli.util.threads import limit_blas_threads
 from cageik_cli.util.units import list_size_notes
 
@@ -551,12 +551,13 @@ def _collect_notes(
         edges = rest.mesh.edges
         holes = edges.ends[~edges.is_balanced]
         counts = [
-            f"{share.found} of {share.name}" for share in count_by_part(rest.mesh, holes[:, 0])
+            f"{group_digits(share.found)} of {share.name}"
+            for share in count_by_part(rest.mesh, holes[:, 0])
         ]
-        where = f": {join_truncated(counts, MAX_PARTS_NAMED)}" if counts else ""
+        where = f": {join_truncated(counts)}" if counts else ""
         notes.append(
-            f"the model is open ({len(holes)} boundary edges{where}), so its volume "
-            "is not defined and volume figures are left out"
+            f"the model is open ({format_count(len(holes), 'boundary edge')}{where}), so its "
+            "volume is not defined and volume figures are left out"
         )
     elif not rest.mesh.is_body:
         notes.append(
@@ -566,7 +567,8 @@ def _collect_notes(
         )
     elif solver.missing_count:
         notes.append(
-            f"{solver.missing_count} vertices of weight 0 are missing data, so volumes of frames "
+            f"{group_digits(solver.missing_count)} vertices of weight 0 are missing data, so "
+            "volumes of frames "
             "are not known and volume figures are left out"
         )
     unit_notes = _list_unit_notes(hints.metres_per_unit, rest.mesh.diagonal)

@@ -19,7 +19,7 @@ from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.inputs.source import LoadedModel, holds_caged_model, load_model
 from cageik_cli.method.points.oriented import REST_COUNTS
 from cageik_cli.method.weights.harmonic import MAX_HARMONIC_FACES
-from cageik_cli.report.figures import group_digits
+from cageik_cli.report.figures import format_length
 from cageik_cli.report.fit_rows import format_fit_rows, list_fit_notes
 from cageik_cli.report.views.text import format_accuracy_row, format_weights_row
 from cageik_cli.report.vocabulary import VOCABULARIES
@@ -29,7 +29,7 @@ from cageik_cli.store.result import Edit, StoredAnimation, is_animation, read_an
 from cageik_cli.store.result_fields import list_field_rows
 from cageik_cli.util.errors import join_truncated
 from cageik_cli.util.messages import Note, Row, say
-from cageik_cli.util.text import format_count
+from cageik_cli.util.text import format_count, group_digits
 from cageik_cli.util.units import list_size_notes
 
 MAX_LISTED_PARTS = 20
@@ -64,7 +64,7 @@ def describe_files(
         return [(str(path), [("holds", "a mesh"), *rows, _cage_row(loaded.mesh)])]
     settings = ClipSettings(layout=layout, gaps="keep", exclude=exclude, fps=fps)
     rows = describe_contents(arguments, settings) or _clip_rows(open_sequence(arguments, settings))
-    return [(join_truncated(arguments, 3), rows)]
+    return [(join_truncated(arguments), rows)]
 
 
 def _are_frames(arguments: list[str]) -> bool:
@@ -96,7 +96,11 @@ def format_binding_rows(stored: StoredBinding, is_verbose: bool = False) -> list
         ("settings", ", ".join(f"{key} {value}" for key, value in settings.items())),
         format_weights_row(quality, binding.has_offsets),
         format_accuracy_row(quality, binding.settings.accuracy),
-        *([("projected", f"{quality.projected} vertices outside")] if quality.projected else []),
+        *(
+            [("projected", f"{group_digits(quality.projected)} vertices outside")]
+            if quality.projected
+            else []
+        ),
         *((f"from {key}", str(source.get("name"))) for key, source in stored.sources.items()),
         *([] if fit is None else _format_fit(fit, is_verbose)),
         *(note.at(stored.sources["cage"]["name"]).row for note in binding.notes),
@@ -134,13 +138,15 @@ def _checkpoint_rows(path: Path) -> list[Row]:
         ("holds", "the checkpoint of an interrupted or a running cageik extract"),
         (
             "frames",
-            f"{done} of {count}; " + say("rerun the command with `resume=True` to continue"),
+            f"{group_digits(done)} of {group_digits(count)}; "
+            + say("rerun the command with `resume=True` to continue"),
         ),
     ]
 
 
 def _format_counts(mesh: TriMesh) -> str:
-    return f"{len(mesh.vertices)} vertices, {len(mesh.faces)} triangles{_format_polygons(mesh)}"
+    triangles = f"{group_digits(len(mesh.faces))} triangles{_format_polygons(mesh)}"
+    return f"{group_digits(len(mesh.vertices))} vertices, {triangles}"
 
 
 def _format_polygons(mesh: TriMesh) -> str:
@@ -152,7 +158,10 @@ def _result_rows(result: StoredAnimation) -> list[Row]:
     kind = "an edit" if isinstance(result, Edit) else "a result"
     return [
         ("holds", f"{kind} of {VOCABULARIES[result.FORMAT].command} {result.version}"),
-        ("frames", f"{len(result.frames)}, {result.frames[0]} to {result.frames[-1]}"),
+        (
+            "frames",
+            f"{group_digits(len(result.frames))}, {result.frames[0]} to {result.frames[-1]}",
+        ),
         ("model", _format_counts(result.rest)),
         *_part_rows(result.rest),
         ("cage", _format_counts(result.cage)),
@@ -164,11 +173,11 @@ def _result_rows(result: StoredAnimation) -> list[Row]:
 def _clip_rows(sequence: MeshSequence) -> list[Row]:
     missing = []
     if sequence.missing:
-        names = join_truncated((sequence.names[k] for k in sorted(sequence.missing)), 5)
+        names = join_truncated(sequence.names[k] for k in sorted(sequence.missing))
         missing = [("missing", f"{len(sequence.missing)} of these frames: {names}")]
     return [
         ("holds", "a clip"),
-        ("frames", f"{len(sequence)}, {sequence.names[0]} to {sequence.names[-1]}"),
+        ("frames", f"{group_digits(len(sequence))}, {sequence.names[0]} to {sequence.names[-1]}"),
         *missing,
         *_mesh_rows(sequence.first),
         *([("scene", sequence.scene.description)] if sequence.scene.description else []),
@@ -186,11 +195,11 @@ def _note_rows(mesh: TriMesh, scene: SceneHints, notes: Iterable[Note]) -> list[
 
 
 def _mesh_rows(mesh: TriMesh) -> list[Row]:
-    volume = f"closed, volume {mesh.volume:.6g}" if mesh.is_closed else "open"
+    volume = f"closed, volume {format_length(mesh.volume)}" if mesh.is_closed else "open"
     components = format_count(int(mesh.components.max()) + 1, "component")
     return [
-        ("vertices", str(len(mesh.vertices))),
-        ("triangles", f"{len(mesh.faces)}{_format_polygons(mesh)}"),
+        ("vertices", group_digits(len(mesh.vertices))),
+        ("triangles", f"{group_digits(len(mesh.faces))}{_format_polygons(mesh)}"),
         *_part_rows(mesh),
         ("surface", f"{volume}, {components}"),
         _bounds_row(mesh),
@@ -208,13 +217,15 @@ def _part_rows(mesh: TriMesh) -> list[Row]:
         parts.names[:MAX_LISTED_PARTS], parts.vertex_counts, parts.polygon_slices, strict=False
     ):
         faces = triangles[polygons.stop] - triangles[polygons.start]
-        rows.append(("part", f"{name}: {count} vertices, {faces} triangles"))
+        rows.append(
+            ("part", f"{name}: {group_digits(count)} vertices, {group_digits(faces)} triangles")
+        )
     more = len(parts.names) - len(rows)
     return [*rows, *([("part", f"and {more} more")] if more else [])]
 
 
 def _point_rows(model: LoadedModel, points: PointFile) -> list[Row]:
-    rows = [("holds", model.kind), (model.unit, str(len(points.rows)))]
+    rows = [("holds", model.kind), (model.unit, group_digits(len(points.rows)))]
     if model.splats is None:
         rows.append(("properties", join_truncated(points.names, 20)))
     else:
@@ -226,16 +237,15 @@ def _point_rows(model: LoadedModel, points: PointFile) -> list[Row]:
 
 def _bounds_row(mesh: TriMesh) -> tuple[str, str]:
     low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
-    text = f"{_format_point(low)} to {_format_point(high)}, diagonal {mesh.diagonal:.6g}"
+    text = f"{_format_point(low)} to {_format_point(high)}, diagonal {format_length(mesh.diagonal)}"
     return "bounds", text
 
 
 def _cage_row(mesh: TriMesh) -> tuple[str, str]:
     if len(mesh.faces) > MAX_HARMONIC_FACES:  # tests of so many, for nothing, could take gigabytes
-        return (
-            "as a cage",
-            f"unfit: it has {len(mesh.faces)} faces, at most {MAX_HARMONIC_FACES} are used",
-        )
+        most = group_digits(MAX_HARMONIC_FACES)
+        text = f"unfit: it has {group_digits(len(mesh.faces))} faces, at most {most} are used"
+        return "as a cage", text
     findings = find_cage_faults(mesh)
     unfit = [finding.sentence for finding in findings if finding.severity == "unfit"]
     if not unfit:
@@ -245,4 +255,4 @@ def _cage_row(mesh: TriMesh) -> tuple[str, str]:
 
 
 def _format_point(position: np.ndarray) -> str:
-    return "(" + ", ".join(f"{value:.6g}" for value in position) + ")"
+    return "(" + ", ".join(format_length(value) for value in position) + ")"

@@ -25,6 +25,7 @@ from cageik_cli.util.files import read_input
 from cageik_cli.util.messages import Hint, say
 from cageik_cli.util.outputs import check_writable, write_bytes
 from cageik_cli.util.progress import ProgressListener
+from cageik_cli.util.text import group_digits
 from cageik_cli.util.version import __version__
 
 
@@ -39,7 +40,7 @@ def check_output(settings: ExtractSettings) -> None:
     if path.exists() and not may_replace:
         done, count = checkpoint_progress(path)
         raise CheckpointError(
-            f"{path}: checkpoint found ({done} of {count} frames): "
+            f"{path}: checkpoint found ({group_digits(done)} of {group_digits(count)} frames): "
             + say("continue with `resume=True` or start over with `overwrite=True`")
         )
     if settings.cage_output is not None:

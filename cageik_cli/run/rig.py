@@ -36,7 +36,7 @@ from cageik_cli.util.errors import FormatError, SettingError, error_context
 from cageik_cli.util.messages import Hint
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.util.settings import DEFAULT_MEMORY
-from cageik_cli.util.text import format_bytes
+from cageik_cli.util.text import format_bytes, group_digits
 from cageik_cli.util.threads import limit_blas_threads
 
 Pose = Callable[[JointPoses], JointPoses]
@@ -299,13 +299,13 @@ def check_rig(result: StoredAnimation, influences: int | None, joints: str | int
         raise SettingError(
             f"{result.path}: "
             + Hint("joints", joints)
-            + f", but the cage has {n} vertices; give {MIN_JOINTS} to {n}"
+            + f", but the cage has {group_digits(n)} vertices; give {MIN_JOINTS} to {n}"
         )
     if influences is not None and influences > n:
         raise SettingError(
             f"{result.path}: "
             + Hint("influences", influences)
-            + f", but the cage has {n} vertices; give {n} or less"
+            + f", but the cage has {group_digits(n)} vertices; give {n} or less"
         )
 
 

@@ -25,6 +25,7 @@ from cageik_cli.store.hdf5_fields import (
 )
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import FormatError, error_context
+from cageik_cli.util.text import group_digits
 
 MAX_STORED_ERROR = float(np.finfo(np.float32).max)
 """Longer errors of vertices, in diagonals, are stored as this."""
@@ -80,7 +81,8 @@ def _read_sparse_weights(file: h5py.File, m: int, n: int) -> Floats:
     bounds = read_array(file, "weights_csr/indptr", "iu", (m + 1,))
     if not ((indices >= 0) & (indices < n)).all():
         raise FormatError(
-            f"`weights_csr/indices` name vertices that the cage does not have ({n} vertices); "
+            f"`weights_csr/indices` name vertices that the cage does not have ({group_digits(n)} "
+            "vertices); "
             "write it again"
         )
     ascends = (bounds[1:] >= bounds[:-1]).all()

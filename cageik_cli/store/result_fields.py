@@ -26,7 +26,7 @@ from cageik_cli.store.hdf5_fields import parse_record, read_floats, read_json_at
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import FormatError, join_truncated
 from cageik_cli.util.messages import Row, Said, map_words, pack_parts, unpack_parts
-from cageik_cli.util.text import to_unicode
+from cageik_cli.util.text import group_digits, to_unicode
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,7 +125,7 @@ def show_skipped(clip: Any) -> list[Row]:
     """Name the frames that were skipped."""
     if not clip.skipped:
         return []
-    names = join_truncated((clip.frames[k] for k in clip.skipped), 5)
+    names = join_truncated(clip.frames[k] for k in clip.skipped)
     return [("skipped", f"{names}; cageik report says why")]
 
 
@@ -178,7 +178,8 @@ def _check_names(region: Region, sizes: ClipSizes) -> None:
             raise _make_region_error(f"names {noun} that are not there (found {found}, of {count})")
     if not 1 <= region.vertices <= sizes.vertices:
         raise _make_region_error(
-            f"has a region of {region.vertices} vertices, expected 1 to {sizes.vertices}"
+            f"has a region of {group_digits(region.vertices)} vertices, expected 1 to "
+            f"{sizes.vertices}"
         )
     if not 0 < len(region.cage_faces) <= MAX_CAGE_FACES:
         raise _make_region_error(

@@ -226,10 +226,18 @@ def _has_code(error: OSError, *codes: int) -> bool:
     return error.errno in codes or any(os.strerror(code) in str(error) for code in codes)
 
 
-def join_truncated(items: Iterable[object], limit: int = 10) -> str:
-    """Join the first `limit` items, with an ellipsis when there are more."""
+MAX_NAMED = 3
+"""Things that a sentence names; the others are counted."""
+
+MAX_LISTED = 10
+"""Choices, and numbers of vertices and faces, that a sentence lists: more of them are of help."""
+
+
+def join_truncated(items: Iterable[object], limit: int = MAX_NAMED) -> str:
+    """Join the first `limit` items, and count the others: "a, b, c and 57 more"."""
     listed = [str(item) for item in items]
-    return ", ".join(listed[:limit]) + (", ..." if len(listed) > limit else "")
+    more = len(listed) - limit
+    return ", ".join(listed[:limit]) + (f" and {more} more" if more > 0 else "")
 
 
 @contextmanager

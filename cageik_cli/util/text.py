@@ -1,5 +1,6 @@
 """Text for people: labelled rows, numbers of things, sizes, and names as Unicode."""
 
+import re
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -58,9 +59,21 @@ def pluralize(noun: str) -> str:
     return ("vertices" if first == "vertex" else f"{first}s") + of + rest
 
 
+def group_digits(number: int | str, group: str = " ") -> str:
+    """Return a number, or the text of one, with the digits before its point in groups of three."""
+    whole, rest = re.fullmatch(r"(-?\d*)(.*)", str(number)).groups()  # type: ignore[union-attr]
+    return re.sub(r"(?<=\d)(?=(\d{3})+$)", group, whole) + rest
+
+
 def format_count(count: int, noun: str) -> str:
-    """Format a number of things: "1 frame", "2 frames", "2 vertices"."""
-    return f"{count} {noun if count == 1 else pluralize(noun)}"
+    """Format a number of things: "1 frame", "2 frames", "2 400 vertices"."""
+    return f"{group_digits(count)} {noun if count == 1 else pluralize(noun)}"
+
+
+def format_decimals(value: float, decimals: int) -> str:
+    """Format a number with some decimals, and a small one with two digits: only 0 is read as 0."""
+    text = f"{value:.{decimals}f}"
+    return f"{value:.2g}" if value and float(text) == 0 else text
 
 
 def format_bytes(count: int) -> str:

@@ -87,7 +87,7 @@ def test_a_picture_and_coloured_vertices_show_the_faults(run, small_cage):
     views = ("--plot", "faults.png", "--marked", "faults.ply")
     outcome = run("check", "frames", "--cage", small_cage, *views)
     assert outcome.code == 1
-    assert "fault 1        outside: 6 vertices (0, 1, 2, ...)" in outcome.out
+    assert "fault 1        outside: 6 vertices (0, 1, 2 and 3 more)" in outcome.out
     assert outcome.out.endswith("wrote faults.png\nwrote faults.ply\n")
     assert Path("faults.png").read_bytes().startswith(b"\x89PNG")
     mesh = trimesh.load("faults.ply", process=False)

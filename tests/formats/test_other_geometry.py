@@ -140,7 +140,7 @@ def test_what_is_no_surface_of_an_archive_is_named_with_counts(archive):
     sequence = archive.opened()
     (note,) = [note for note in texts(sequence.notes) if "no mesh" in note]
     assert note == (
-        "clip.abc: left out what is no mesh: 2 Curves (/a, /b), 5 Points (/c, /d, /e, ...), 1 "
+        "clip.abc: left out what is no mesh: 2 Curves (/a and 1 more), 5 Points (/c and 4 more), 1 "
         "NuPatch (/h); turn them into meshes of polygons to take them along"
     )
     assert texts(archive.opened("::/body").notes) == ()
@@ -149,7 +149,8 @@ def test_what_is_no_surface_of_an_archive_is_named_with_counts(archive):
 def test_an_archive_without_a_surface_says_what_it_holds(archive):
     add_alembic_others(archive)
     assert archive.refused() == (
-        "holds no mesh, but 2 Curves (/a, /b), 5 Points (/c, /d, /e, ...), 1 NuPatch (/h); turn "
+        "holds no mesh, but 2 Curves (/a and 1 more), 5 Points (/c and 4 more), 1 NuPatch (/h); "
+        "turn "
         "them into meshes of polygons and export it again"
     )
 
@@ -177,7 +178,7 @@ def test_what_is_no_mesh_of_a_stage_is_named_with_counts(scene, kind):
         scene.stage.DefinePrim(f"/{name}", kind)
     sequence = scene.opened()
     assert (
-        f"clip.usda: left out what is no mesh: 4 {kind} (/a, /b, /c, ...); turn them"
+        f"clip.usda: left out what is no mesh: 4 {kind} (/a, /b, /c and 1 more); turn them"
         in " ".join(texts(sequence.notes))
     )
     assert "no mesh" not in " ".join(texts(scene.opened("::/body").notes))

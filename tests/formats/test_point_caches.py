@@ -171,7 +171,7 @@ def test_a_huge_claim_is_refused_without_room_for_it(tmp_path, rest):
         open_sequence([str(path)], None, rest)
     with path.open("ab") as stream:
         stream.write(b"\0")
-    with pytest.raises(ConnectivityError, match="10000000 vertices, the rest pose has 4"):
+    with pytest.raises(ConnectivityError, match="10 000 000 vertices, the rest pose has 4"):
         open_sequence([str(path)], None, rest)
     most = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()

@@ -100,7 +100,7 @@ def replace_in(old, new, text=False):
 
 FAULTS = {
     "too few bytes": (encode_rows(make_rows())[:-1], "announces 7 points of at least 23 bytes"),
-    "absurd count": (replace_in(b"vertex 7", b"vertex 99999999999"), "99999999999 points"),
+    "absurd count": (replace_in(b"vertex 7", b"vertex 99999999999"), "99 999 999 999 points"),
     "absurd count of a text": (replace_in(b"vertex 7", b"vertex 99999999999", True), "cut short"),
     "no points": (replace_in(b"vertex 7", b"vertex 0"), "has no points"),
     "no z": (replace_in(b"double y", b"double why"), "no property `y`"),

@@ -321,7 +321,7 @@ FAULTS = {
     "a few bytes": (BINARY[:70], "70 bytes that do not begin with `solid`"),
     "cut short": (BINARY[:-1], "announces 1 triangles, which take 134 bytes, but has 133"),
     "more behind": (BINARY + b"\0", "which take 134 bytes, but has 135"),
-    "huge": (BINARY[:80] + b"\xff" * 4 + BINARY[84:], "announces 4294967295 triangles"),
+    "huge": (BINARY[:80] + b"\xff" * 4 + BINARY[84:], "announces 4 294 967 295 triangles"),
     "solid and binary": (b"solid" + BINARY[5:-1], "cut short"),
     "none": (bytes(84), "holds no triangle"),
     "none in text": ("solid a\nendsolid a\n", "holds no triangle"),

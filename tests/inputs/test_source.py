@@ -12,7 +12,7 @@ from cageik_cli.util.errors import FileAccessError
     ("name", "found"),
     [
         ("frames", "is a folder, "),
-        ("frames/*.obj", r"is a pattern \(frame_1\.obj, frame_2\.obj, frame_3\.obj, \.\.\.\)"),
+        ("frames/*.obj", r"is a pattern \(frame_1\.obj, frame_2\.obj, frame_3\.obj and \d+ more\)"),
         ("nowhere/*.obj", r"is a pattern \(no file\)"),
     ],
 )

@@ -65,7 +65,7 @@ def test_a_metric_is_compared_as_printed(metric, unit, sign):
             assert gate.baseline is None
 
 
-def test_a_limit_of_zero_accepts_values_printed_as_zero():
+def test_a_limit_of_zero_accepts_what_may_be_rounding():
     assert check_one(summary(0.00004), "rms", "0").passed is True
     assert check_one(summary(0.00006), "rms", "0").passed is False
 

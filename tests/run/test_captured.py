@@ -232,7 +232,7 @@ def test_missing_vertices_are_refused_without_the_option(walker, make, form):
         write_objs(Path("objs"), spoilt, walker[1])
         settings = replace(settings, frames=("objs",))
     with pytest.raises(
-        FormatError, match=r"(?s)314 of 1570 vertices are not finite.*`missing=True`"
+        FormatError, match=r"(?s)314 of 1 570 vertices are not finite.*`missing=True`"
     ):
         extract(settings)
     result = extract(replace(settings, clip=MISSING))
@@ -242,10 +242,10 @@ def test_missing_vertices_are_refused_without_the_option(walker, make, form):
 def test_a_first_frame_with_missing_vertices_needs_another_rest_pose(walker, make):
     spoilt = walker[0].copy()
     spoilt[0, 4:9] = np.nan
-    with pytest.raises(FormatError, match=r"5 of 1570 vertices are not finite.*`missing=True`"):
+    with pytest.raises(FormatError, match=r"5 of 1 570 vertices are not finite.*`missing=True`"):
         extract(make(spoilt))
     with pytest.raises(
-        FormatError, match=r"5 of 1570 vertices of the rest pose are missing.*`rest"
+        FormatError, match=r"5 of 1 570 vertices of the rest pose are missing.*`rest"
     ):
         extract(make(spoilt, clip=MISSING))
     other = make(spoilt, clip=MISSING, rest=Path("rest/frame_0.obj"))

@@ -122,7 +122,7 @@ def test_json_is_the_whole_record(folder, cage_file):
         "kind": "unreferenced-vertex",
         "severity": "unfit",
         "message": "the cage has vertices in no face, which can move nothing: 12 vertices "
-        "(8, 9, 10, 11, 12, 13, 14, 15, 16, 17, ...)",
+        "(8, 9, 10, 11, 12, 13, 14, 15, 16, 17 and 2 more)",
         "remedy": "delete them",
         "elements": "vertices",
         "numbers": list(range(8, 20)),

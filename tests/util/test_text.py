@@ -7,7 +7,9 @@ import pytest
 from cageik_cli.util.text import (
     format_bytes,
     format_count,
+    format_decimals,
     format_row,
+    group_digits,
     make_printable,
     number_names,
     single_line,
@@ -81,11 +83,53 @@ def test_what_is_printed_is_kept(text):
         (1, "vertex", "1 vertex"),
         (2, "vertex", "2 vertices"),
         (0, "face pair", "0 face pairs"),
+        (34159, "vertex", "34 159 vertices"),
         (3, "pair of a rest and a cage face", "3 pairs of a rest and a cage face"),
     ],
 )
 def test_things_are_counted(count, noun, text):
     assert format_count(count, noun) == text
+
+
+@pytest.mark.parametrize(
+    ("number", "text"),
+    [
+        (0, "0"),
+        (999, "999"),
+        (1208, "1 208"),
+        (1234567, "1 234 567"),
+        (-15013, "-15 013"),
+        ("15013.25", "15 013.25"),
+        ("-1234.5678", "-1 234.5678"),
+        ("1.23457e+06", "1.23457e+06"),
+        ("0.00012345", "0.00012345"),
+        ("nan", "nan"),
+    ],
+)
+def test_digits_before_the_point_are_in_groups(number, text):
+    assert group_digits(number) == text
+    assert group_digits(number, "\u00a0") == text.replace(" ", "\u00a0")
+
+
+@pytest.mark.parametrize(
+    ("value", "decimals", "text"),
+    [
+        (0.0, 4, "0.0000"),
+        (0.0003, 4, "0.0003"),
+        (0.00031, 4, "0.0003"),
+        (0.00006, 4, "0.0001"),
+        (0.00004, 4, "4e-05"),
+        (-0.0000312, 4, "-3.1e-05"),
+        (1.9e-15, 4, "1.9e-15"),
+        (0.004, 2, "0.004"),
+        (0.06, 1, "0.1"),
+        (0.04, 1, "0.04"),
+        (0.4, 0, "0.4"),
+        (70.4, 0, "70"),
+    ],
+)
+def test_only_zero_is_written_as_zero(value, decimals, text):
+    assert format_decimals(value, decimals) == text
 
 
 @pytest.mark.parametrize(

@@ -20,7 +20,7 @@ from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import NumericalError
 from cageik_cli.util.processes import call_in_subprocesses
 from cageik_cli.util.progress import ignore_progress
-from cageik_cli.util.text import format_count
+from cageik_cli.util.text import format_count, group_digits
 from cageik_cli.util.threads import limit_blas_threads
 
 SHELL_CANDIDATES = (
@@ -351,7 +351,7 @@ class _Builder:
         ]
         shifted = call_in_subprocesses(shift_vertices, calls, self._processes, self._note)
         for step, (candidate, (cage, moved)) in enumerate(zip(candidates, shifted, strict=True)):
-            recipe = f"{candidate.recipe}, {moved} vertices shifted"
+            recipe = f"{candidate.recipe}, {group_digits(moved)} vertices shifted"
             made = self._make_candidate(recipe, cage, candidate.offset, candidate.notes)
             self._add(made, loops=candidate.loops)
             yield step + 1

@@ -25,6 +25,7 @@ from cageik_cli.geometry.shape import bounds_volume, corner_angles, degenerate_f
 from cageik_cli.geometry.surface import closest_points, winding_numbers
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import FormatError
+from cageik_cli.util.text import group_digits
 
 MIN_WIDTH = 1e-7
 """How wide faces without area are made, in diagonals: a distance to a face needs its plane."""
@@ -166,7 +167,9 @@ def judge(cage: TriMesh, demand: Demand) -> Verdict:
         if outside := np.count_nonzero(winding_numbers(cage, demand.samples) < 0.5):
             faults = (f"leaves {outside} of {count} surface points outside",)
         elif len(pairs := crossing_face_pairs(demand.surface, cage, 0.0)):
-            faults = (f"is crossed by {len(np.unique(pairs[:, 0]))} faces of the model",)
+            faults = (
+                f"is crossed by {group_digits(len(np.unique(pairs[:, 0])))} faces of the model",
+            )
         elif clearance < demand.clearance:
             share = clearance / demand.clearance
             faults = (f"is nearer to the model than asked for, {share:.2g} of the clearance",)
@@ -184,7 +187,7 @@ def _list_own_faults(cage: TriMesh, demand: Demand) -> tuple[str, ...]:
     """Return the faults of the cage itself."""
     count = len(cage.vertices)
     if not demand.fewest <= count <= demand.most:
-        return (f"has {count} vertices, expected {demand.fewest} to {demand.most}",)
+        return (f"has {group_digits(count)} vertices, expected {demand.fewest} to {demand.most}",)
     findings = find_cage_faults(cage)
     if not findings:
         angle = corner_angles(cage).min()

@@ -38,6 +38,7 @@ from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.shape import corner_angles, cross, measure_angles, thin_face_pairs
 from cageik_cli.geometry.surface import closest_points, winding_numbers
 from cageik_cli.util.arrays import Floats, Integers, Mask
+from cageik_cli.util.text import format_decimals
 
 MIN_QUAD_SHARE = 0.7
 """A smaller share of quads among the faces of a cage is noted."""
@@ -108,9 +109,9 @@ def describe_few_quads(cage: TriMesh) -> tuple[str, ...]:
     if share >= MIN_QUAD_SHARE:
         return ()
     return (
-        f"{100 * share:.0f} % of the faces are quads, expected {100 * MIN_QUAD_SHARE:g} % or more; "
-        f"the others would fold by more than {MAX_FOLD:g} degrees, or not hold the model by either "
-        "diagonal",
+        f"{format_decimals(100 * share, 0)} % of the faces are quads, expected "
+        f"{100 * MIN_QUAD_SHARE:g} % or more; the others would fold by more than {MAX_FOLD:g} "
+        "degrees, or not hold the model by either diagonal",
     )
 
 

@@ -156,7 +156,7 @@ def describe_closings(
     ):
         if count:
             texts = [f"({x:.4g}, {y:.4g}, {z:.4g})" for x, y, z in to_file_units(places)]
-            where = f", at {join_truncated(texts, limit=3)}" if texts else ""
+            where = f", at {join_truncated(texts)}" if texts else ""
             notes.append(f"{what} ({count}){where}")
     return tuple(notes)
 

@@ -29,7 +29,7 @@ from cageik_cli.geometry.parts import PartShare
 from cageik_cli.geometry.shape import bounds_volume, corner_angles, degenerate_face_mask
 from cageik_cli.method.weights.harmonic import MAX_HARMONIC_FACES, harmonic_weights
 from cageik_cli.util.arrays import Floats
-from cageik_cli.util.text import format_count
+from cageik_cli.util.text import format_count, group_digits
 
 UNREPAIRABLE = {"point", "too-many-faces", "swapped", "no-volume"}
 """Kinds of findings that no repair can mend."""
@@ -171,7 +171,8 @@ def diagnose(cage: TriMesh, rest: TriMesh | None = None, jobs: int | None = None
             findings = [make_swap_finding(cage, rest)]
         elif len(cage.vertices) > len(rest.vertices):
             message = (
-                f"the cage has {len(cage.vertices)} vertices and the model {len(rest.vertices)}"
+                f"the cage has {group_digits(len(cage.vertices))} vertices and the model "
+                f"{group_digits(len(rest.vertices))}"
             )
             remedy, value = "are they swapped?", len(cage.vertices)
             findings.append(Finding("swapped", "note", message, remedy, value=value))
@@ -270,6 +271,7 @@ def _measure_influence(
 def _find_too_many_faces(cage: TriMesh) -> Iterator[Finding]:
     count = len(cage.faces)
     if count > MAX_HARMONIC_FACES:
-        message = f"the cage has {count} faces, at most {MAX_HARMONIC_FACES} fit in memory"
+        most = group_digits(MAX_HARMONIC_FACES)
+        message = f"the cage has {group_digits(count)} faces, at most {most} fit in memory"
         remedy = "use a coarser cage"
         yield Finding("too-many-faces", "unfit", message, remedy, value=count)

@@ -24,8 +24,9 @@ from cageik_cli.geometry.surface import (
     winding_numbers,
 )
 from cageik_cli.util.arrays import Floats, Integers, Mask
-from cageik_cli.util.errors import CageError, join_truncated
+from cageik_cli.util.errors import MAX_LISTED, CageError, join_truncated
 from cageik_cli.util.messages import Note, Said, say
+from cageik_cli.util.text import group_digits
 
 TOUCH_TOL = 1e-8
 """A vertex outside by at most this, in diagonals, counts as on the cage."""
@@ -116,7 +117,8 @@ class Placement:
         """Say which vertices are outside, of a mesh of this name; how many, if most are."""
         owner = f" of {name}" if name else ""
         counted = (
-            f"{len(self.outside_indices)} of {len(self.rest.used_vertices)} vertices{owner} are "
+            f"{group_digits(len(self.outside_indices))} of "
+            f"{group_digits(len(self.rest.used_vertices))} vertices{owner} are "
             f"outside the cage{describe_by_part(self.outside_parts)}"
         )
         if self.is_misplaced:
@@ -124,7 +126,7 @@ class Placement:
         worst = name_vertex(self.rest, self.worst_vertex)
         return (
             f"{counted}, the worst, {worst}, by {self.worst_percent:.3g} % of the diagonal: "
-            f"numbers {join_truncated(self.outside_indices)} (from 0)"
+            f"numbers {join_truncated(self.outside_indices, MAX_LISTED)} (from 0)"
         )
 
     def find_outside(self, remedy: Said) -> Finding:
@@ -162,7 +164,8 @@ def check_enclosure(cage: TriMesh, rest: TriMesh, outside: str = "refuse") -> Pl
         if are_swapped(cage, rest):
             raise CageError(make_swap_finding(cage, rest).sentence) from error
         swapped = type(error)(
-            error.text + f"; the cage has {len(cage.vertices)} vertices and the model "
+            error.text
+            + f"; the cage has {group_digits(len(cage.vertices))} vertices and the model "
             f"{len(rest.vertices)}: are they swapped?"
         )
         if isinstance(swapped, OutsideError) and isinstance(error, OutsideError):
@@ -195,7 +198,8 @@ def are_swapped(cage: TriMesh, rest: TriMesh) -> bool:
 def make_swap_finding(cage: TriMesh, rest: TriMesh) -> Finding:
     """Make the finding that cage and model are swapped."""
     message = (
-        f"cage and model are swapped: this mesh of {len(cage.vertices)} vertices is inside the "
+        f"cage and model are swapped: this mesh of {group_digits(len(cage.vertices))} vertices "
+        "is inside the "
         f"other, of {len(rest.vertices)}"
     )
     remedy = say("give the other as `cage=`, and this as the model")

@@ -13,7 +13,7 @@ from cageik_cli.geometry.intersections import self_intersections
 from cageik_cli.geometry.mesh import TriMesh, find_groups
 from cageik_cli.geometry.shape import bounds_volume, degenerate_face_mask
 from cageik_cli.util.arrays import Integers, Mask
-from cageik_cli.util.errors import CageError, join_truncated
+from cageik_cli.util.errors import MAX_LISTED, CageError, join_truncated
 from cageik_cli.util.messages import Note, Said
 from cageik_cli.util.text import format_count, pluralize
 
@@ -199,7 +199,8 @@ def _find_loose_components(surface: TriMesh) -> Iterator[Finding]:
         sizes = np.bincount(of_vertex)
         small = used[of_vertex != sizes.argmax()]
         message = (
-            f"the cage has {len(parts)} components (of {join_truncated(sizes)} vertices), expected "
+            f"the cage has {len(parts)} components (of {join_truncated(sizes, MAX_LISTED)} "
+            "vertices), expected "
             "one connected surface"
         )
         remedy = "join them or delete the loose ones"
@@ -234,4 +235,4 @@ def format_elements(noun: str, numbers: ArrayLike) -> str:
     names = ["-".join(map(str, np.ravel(number))) for number in np.asarray(numbers).tolist()]
     if len(names) == 1:
         return f"{noun} {names[0]}"
-    return f"{format_count(len(names), noun)} ({join_truncated(names)})"
+    return f"{format_count(len(names), noun)} ({join_truncated(names, MAX_LISTED)})"

@@ -26,6 +26,7 @@ from cageik_cli.geometry.shape import (
 from cageik_cli.geometry.surface import closest_points
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.messages import say
+from cageik_cli.util.text import group_digits
 
 MIN_ANGLE = 2.0
 """Cage faces with a smaller angle, degrees, are needles."""
@@ -188,7 +189,8 @@ def _find_loose_cage(cage: TriMesh, rest: TriMesh) -> Iterator[Finding]:
         layer = float(rest.face_areas.sum()) * typical / 100 * rest.diagonal
         expected = f"{1 + layer / abs(rest.volume):.2g} times and {expected}"
     message = (
-        f"the cage is loose: {found}, where a built cage of {count} vertices typically has "
+        f"the cage is loose: {found}, where a built cage of {group_digits(count)} vertices "
+        "typically has "
         f"{expected}"
     )
     remedy = (

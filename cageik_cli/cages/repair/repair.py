@@ -41,7 +41,7 @@ from cageik_cli.geometry.surface import winding_numbers
 from cageik_cli.util.arrays import Floats, Integers, Mask
 from cageik_cli.util.errors import CageError
 from cageik_cli.util.progress import ignore_progress
-from cageik_cli.util.text import format_count
+from cageik_cli.util.text import format_count, group_digits
 
 REPAIR_CLEARANCE = 0.002
 """How far parts of the cage that must move are moved off the model, in its diagonals."""
@@ -210,7 +210,8 @@ def judge_cage(
         if len(outside):
             x, y, z = outside[0]
             message = (
-                f"{len(outside)} of {len(samples)} points of the model's surface are outside the "
+                f"{group_digits(len(outside))} of {group_digits(len(samples))} points of the "
+                "model's surface are outside the "
                 f"cage, the first at ({x:.4g}, {y:.4g}, {z:.4g})"
             )
             remedy, count = "move the cage outward there", len(outside)

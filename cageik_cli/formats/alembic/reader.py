@@ -22,7 +22,7 @@ from cageik_cli.formats.alembic.transforms import (
     locate_samples,
 )
 from cageik_cli.formats.base.files import ClaimedBytes, require_unicode
-from cageik_cli.formats.base.mesh_data import LayerReaders, list_layer_readers
+from cageik_cli.formats.base.mesh_data import Change, LayerReaders, list_layer_readers
 from cageik_cli.formats.base.scene_graph import (
     EVEN_STEP_TOL,
     MAX_KEYED_SHAPES,
@@ -43,7 +43,7 @@ from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import ConnectivityError, FileAccessError, FormatError
 from cageik_cli.util.files import open_content
 from cageik_cli.util.messages import Note, Said, say
-from cageik_cli.util.text import single_line
+from cageik_cli.util.text import group_digits, single_line
 
 PARAMETERS = {"uvs": "getUVsParam", "normal_fans": "getNormalsParam"}
 """What returns the parameter of a mesh that holds a layer of numbers."""
@@ -232,7 +232,7 @@ class AlembicMesh(SceneMesh):
 
         self._is_subdivided = _is_any(thing, ISubD)
         self._schema = _open_schema(thing)
-        self._vertex_count, self._misstated = 0, list[str]()
+        self._vertex_count, self._misstated = 0, list[str | Change]()
         self._claimed = claimed.distinguish(_find_source(thing))
         self._points = self._schema.getPositionsProperty()
         self._transforms = find_transforms(thing)
@@ -270,7 +270,8 @@ class AlembicMesh(SceneMesh):
         )
         if len(after) != len(before):
             raise ConnectivityError(
-                f"{len(after)} vertices in sample {stop}, expected {len(before)} as in sample "
+                f"{group_digits(len(after))} vertices in sample {stop}, expected "
+                f"{group_digits(len(before))} as in sample "
                 f"{start}; all must share one connectivity"
             )
         return before if part == 0 else before + part * (after.astype(np.float64) - before)
@@ -386,16 +387,17 @@ class AlembicMesh(SceneMesh):
         if stated is None or domains[stated][1] != count:
             fitting = [name for name, (_, size) in domains.items() if size == count and count > 1]
             if fitting:
-                self._misstated.append(
-                    f"{count} values of its surface are stated as {scope.rpartition('.')[2]}, and "
-                    f"read as one per {fitting[0]}"
+                words = (
+                    f"{{}} of its surface are stated as {scope.rpartition('.')[2]}, and read as "
+                    f"one per {fitting[0]}"
                 )
+                self._misstated.append(Change(words, "value", count))
                 return np.asarray(domains[fitting[0]][0], np.int64)
         if stated is None:
             raise FormatError("they are not those of corners or vertices")
         return np.asarray(domains[stated][0], np.int64)
 
-    def describe_transform(self, time: float) -> list[str]:
+    def describe_transform(self, time: float) -> list[str | Change]:
         """Return notes on what has moved the mesh, and on layers that are not what they say."""
         return super().describe_transform(time) + self._misstated
 

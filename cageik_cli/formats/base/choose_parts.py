@@ -10,7 +10,13 @@ from cageik_cli.formats.base.writers import choose_short_names
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.parts import Part, join_meshes, list_part_names, split_parts
 from cageik_cli.util.arrays import Integers
-from cageik_cli.util.errors import ConnectivityError, FormatError, SettingError, join_truncated
+from cageik_cli.util.errors import (
+    MAX_LISTED,
+    ConnectivityError,
+    FormatError,
+    SettingError,
+    join_truncated,
+)
 from cageik_cli.util.messages import Hint, Said, say
 
 
@@ -47,7 +53,8 @@ def choose_parts(
         matching = [path for path in chosen if _matches(path, pattern)]
         if not matching:
             raise SettingError(
-                Hint("exclude", pattern) + f" matches none of its meshes: {join_truncated(chosen)}"
+                Hint("exclude", pattern)
+                + f" matches none of its meshes: {join_truncated(chosen, MAX_LISTED)}"
             )
         reasons |= dict.fromkeys(matching, Hint("exclude", pattern))
     if len(reasons) == len(chosen):
@@ -83,10 +90,13 @@ def _find_top(paths: Sequence[str], member: str) -> str:
         return tops[0]
     if tops:
         raise SettingError(
-            f"holds {len(tops)} meshes or groups `{member}`: {join_truncated(tops)}; give more of "
+            f"holds {len(tops)} meshes or groups `{member}`: {join_truncated(tops, MAX_LISTED)}; "
+            "give more of "
             f"the path, as in ::{tops[0]}"
         )
-    raise SettingError(f"holds no mesh `{member}`; choose one of {join_truncated(paths)}")
+    raise SettingError(
+        f"holds no mesh `{member}`; choose one of {join_truncated(paths, MAX_LISTED)}"
+    )
 
 
 def _list_places(path: str) -> list[str]:

@@ -105,7 +105,7 @@ class FileSeries:
         elif self._numbers[-1] <= MAX_FRAME_NUMBER:
             self.scene = SceneHints(start=float(self._numbers[0]), frame_step=float(usual))
             if odd:
-                names = join_truncated((paths[k + 1].name for k in odd), 5)
+                names = join_truncated(paths[k + 1].name for k in odd)
                 self.notes += (
                     f"gaps in frame numbers are closed at {names}; frames are numbered from "
                     f"{self._numbers[0]} in steps of {usual}, other than their files",

@@ -22,9 +22,9 @@ from cageik_cli.geometry.attributes import (
 )
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.arrays import Floats, Integers
-from cageik_cli.util.errors import ConnectivityError, FormatError
+from cageik_cli.util.errors import ConnectivityError, FormatError, join_truncated
 from cageik_cli.util.messages import Note, say
-from cageik_cli.util.text import format_count
+from cageik_cli.util.text import format_count, group_digits, pluralize
 
 LayerReaders = dict[str, Callable[[SurfaceAttributes], SurfaceAttributes]]
 """What adds each layer to the attributes before it, by its name in a note: "its normals"."""
@@ -37,6 +37,48 @@ MAX_CORNER_STEPS = 10_000
 
 TEST_STEPS = 2000
 """Steps of a test of an ear, apart from one for each corner that is compared with it."""
+
+
+@dataclass(frozen=True, slots=True)
+class Change:
+    """What reading has changed of a mesh, in words that many meshes share.
+
+    Attributes
+    ----------
+    words : str
+        A sentence with {} for what is counted or named, and {span} for the numbers in between.
+    noun : str
+        What is counted, or named.
+    count : int
+        Of these; not used where there are names.
+    names : tuple of str
+        Of these.
+    span : tuple of float
+        The smallest and the largest of some numbers.
+    """
+
+    words: str
+    noun: str = ""
+    count: int = 0
+    names: tuple[str, ...] = ()
+    span: tuple[float, float] = (0, 0)
+
+    def __str__(self) -> str:
+        low, high = (f"{number:.3g}" for number in self.span)
+        span = low if low == high else f"{low} to {high}"
+        things = format_count(self.count, self.noun) if self.noun else ""
+        if self.names:
+            noun = self.noun and (self.noun if len(self.names) == 1 else pluralize(self.noun))
+            things = f"{noun} {join_truncated(self.names)}".lstrip()
+        return self.words.format(things, span=span)
+
+    def __add__(self, other: "Change") -> "Change":
+        return replace(
+            self,
+            count=self.count + other.count,
+            names=tuple(dict.fromkeys((*self.names, *other.names))),
+            span=(min(self.span[0], other.span[0]), max(self.span[1], other.span[1])),
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -53,7 +95,7 @@ class FileMesh:
         How many corners each face has.
     attributes : SurfaceAttributes, optional
         What else the file says of the surface; its polygons alone if absent.
-    left_out : tuple of str
+    left_out : tuple of str or Change
         What of that cannot be used, or was changed, one sentence each.
     """
 
@@ -61,7 +103,7 @@ class FileMesh:
     corners: Integers
     corner_counts: Integers
     attributes: SurfaceAttributes | None = None
-    left_out: tuple[str, ...] = ()
+    left_out: tuple[str | Change, ...] = ()
 
     @staticmethod
     def from_polygons(vertices: Floats, polygons: Sequence[Sequence[int] | Integers]) -> "FileMesh":
@@ -89,7 +131,7 @@ class FileMesh:
             try:
                 attributes = read(attributes)
             except (FormatError, ValueError) as error:
-                left_out.append(f"{noun} left out ({error})")
+                left_out.append(Change(f"{noun} left out ({{}})", names=(str(error),)))
         return replace(self, attributes=attributes, left_out=tuple(left_out))
 
     def turn_faces(self) -> "FileMesh":
@@ -112,8 +154,8 @@ class FileMesh:
     def notes(self) -> tuple[str, ...]:
         """What was changed, one sentence each."""
         if not self.polygon_count:
-            return self.left_out
-        return (describe_cut(self.polygon_count), *self.left_out)
+            return tuple(map(str, self.left_out))
+        return (describe_cut(self.polygon_count), *map(str, self.left_out))
 
 
 def describe_cut(polygon_count: int) -> str:
@@ -132,7 +174,7 @@ def check_not_points(vertex_count: int, face_count: int) -> None:
     """Refuse points without faces."""
     if vertex_count and not face_count:
         raise FormatError(
-            f"is a point cloud: {vertex_count} points and no faces, expected a mesh; "
+            f"is a point cloud: {group_digits(vertex_count)} points and no faces, expected a mesh; "
             "reconstruct its surface, or export the mesh with its faces; "
             + say("deform (`mesh=`) and pose take points as .ply")
         )
@@ -183,7 +225,8 @@ def check_connectivity(count: int, faces: Integers, expected: TriMesh, expected_
         k = differs[0]
         raise ConnectivityError(
             f"triangle {k} joins vertices {_format_corners(faces[k])}, in {expected_name} "
-            f"{_format_corners(expected.faces[k])} (counted from 0; {len(differs)} triangles "
+            f"{_format_corners(expected.faces[k])} (counted from 0; {group_digits(len(differs))} "
+            "triangles "
             "differ); all must share one connectivity"
         )
 
@@ -264,16 +307,14 @@ def replace_folded_fans(mesh: TriMesh) -> TriMesh:
     return TriMesh(mesh.vertices, faces, mesh.attributes)
 
 
-def describe_folded(mesh: TriMesh) -> list[str]:
+def describe_folded(mesh: TriMesh) -> list[Change]:
     """Return a note on the polygons whose triangles fold over, if there are any."""
     if mesh.attributes is None:
         return []
     folded, _ = find_folded_triangles(mesh.vertices, mesh.faces, mesh.attributes.corner_counts - 2)
     count = len(np.unique(mesh.attributes.triangle_polygons[folded]))
-    return [
-        f"of {format_count(count, 'polygon')}, some triangles lie over others: sides cross, or "
-        "wind too much to be cut well"
-    ] * (count > 0)
+    words = "of {}, some triangles lie over others: sides cross, or wind too much to be cut well"
+    return [Change(words, "polygon", count)] * (count > 0)
 
 
 def _project_to_plane(points: Floats, normal: Floats) -> Floats:

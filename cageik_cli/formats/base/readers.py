@@ -43,7 +43,7 @@ from cageik_cli.util.errors import (
 )
 from cageik_cli.util.files import open_content, read_input
 from cageik_cli.util.messages import Note, Said, say
-from cageik_cli.util.text import to_unicode
+from cageik_cli.util.text import group_digits, to_unicode
 
 MAX_CHUNK_BYTES = 1 << 25
 """Bytes of a chunk, unless a single frame has more."""
@@ -120,7 +120,7 @@ class FrameFileReader(MeshSequence):
             self.first, self._kept, left_out = select_parts(
                 self._whole, request.member, request.settings.exclude
             )
-        found = (*mesh.notes, *describe_folded(self._whole))
+        found = (*mesh.notes, *map(str, describe_folded(self._whole)))
         notes = (Note(f"{text}, as in all frames", place=self.names[0]) for text in found)
         self.notes = (*map(Note, series.notes), *notes, *map(Note, left_out))
         self._parse_alike = self.make_frame_parser(data, parsed)
@@ -226,7 +226,8 @@ class ClipFile(MeshSequence):
                 )
             if vertex_count != len(rest.mesh.vertices):
                 raise ConnectivityError(
-                    f"{vertex_count} vertices, the rest pose has {len(rest.mesh.vertices)}; all "
+                    f"{group_digits(vertex_count)} vertices, the rest pose has "
+                    f"{group_digits(len(rest.mesh.vertices))}; all "
                     "must share one connectivity"
                 )
         positions = self.read_positions(0)

@@ -18,7 +18,13 @@ from numpy.typing import NDArray
 
 from cageik_cli.formats.base.choose_parts import choose_parts
 from cageik_cli.formats.base.files import PART_BYTES, ClaimedBytes, hash_file
-from cageik_cli.formats.base.mesh_data import FileMesh, LayerReaders, describe_cut, describe_folded
+from cageik_cli.formats.base.mesh_data import (
+    Change,
+    FileMesh,
+    LayerReaders,
+    describe_cut,
+    describe_folded,
+)
 from cageik_cli.formats.base.readers import ClipFile
 from cageik_cli.formats.base.sequence import ClipRequest
 from cageik_cli.formats.settings import ClipSettings, SceneHints
@@ -28,6 +34,7 @@ from cageik_cli.geometry.parts import join_meshes
 from cageik_cli.geometry.rotations import nearest_rotations_by_svd
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import (
+    MAX_NAMED,
     ConnectivityError,
     FileAccessError,
     FormatError,
@@ -37,6 +44,7 @@ from cageik_cli.util.errors import (
 )
 from cageik_cli.util.files import mark_file
 from cageik_cli.util.messages import Note, Said
+from cageik_cli.util.text import group_digits
 from cageik_cli.util.trial import trials
 
 Polygons = tuple[Integers, Integers]
@@ -128,7 +136,7 @@ class SceneMesh(ABC):
         """Return whether the surface is turned inside out on its way into the scene."""
         return is_mirroring(self.compute_matrix(time))
 
-    def describe_transform(self, time: float) -> list[str]:
+    def describe_transform(self, time: float) -> list[str | Change]:
         """Return a note on a mesh that its transform has moved."""
         if self.has_moving_transform():
             return ["moved by an animated transform into the scene's space"]
@@ -298,7 +306,8 @@ class SceneReader(ClipFile):
             for name, own, count in zip(parts.names, points, parts.vertex_counts, strict=True):
                 if len(own) != count:
                     raise ConnectivityError(
-                        f"{len(own)} vertices of {name}, the rest pose has {count}; all must share "
+                        f"{group_digits(len(own))} vertices of {name}, the rest pose has "
+                        f"{group_digits(count)}; all must share "
                         "one connectivity"
                     )
             return np.concatenate(points)
@@ -350,8 +359,7 @@ class SceneReader(ClipFile):
         """Read the meshes of the first frame as parts of one, and note what was changed."""
         time, polygons = self._times[0], 0
         meshes, transforms = [], []
-        moves: dict[str, list[str]] = {}
-        faults: dict[str, list[str]] = {}
+        moves, faults = list[tuple[str, str | Change]](), list[tuple[str, str | Change]]()
         for name, mesh in self._meshes.items():
             with error_context(name):
                 read = mesh.read_mesh(request.complete_first(mesh.read_moved(time)), time)
@@ -360,10 +368,8 @@ class SceneReader(ClipFile):
             transforms.append(make_part_transform(mesh.compute_matrix(time)))
             polygons += read.polygon_count
             turned = [self.winding_note] if mesh.is_clockwise and self.winding_note else []
-            for change in (*turned, *mesh.describe_transform(time)):
-                moves.setdefault(change, []).append(name)
-            for fault in (*read.left_out, *describe_folded(meshes[-1])):
-                faults.setdefault(fault, []).append(name)
+            moves += [(name, each) for each in (*turned, *mesh.describe_transform(time))]
+            faults += [(name, each) for each in (*read.left_out, *describe_folded(meshes[-1]))]
         notes += describe_by_part(moves, len(meshes))
         notes += [describe_cut(polygons)] if polygons else []
         notes += describe_by_part(faults, len(meshes))
@@ -387,11 +393,21 @@ def try_scene(module: str, path: str, member: str | None, exclude: tuple[str, ..
     return None
 
 
-def describe_by_part(found: dict[str, list[str]], count: int) -> list[str]:
-    """Return sentences with the parts of `count` of which each is true, unless it is of all."""
+def describe_by_part(found: Iterable[tuple[str, str | Change]], count: int) -> list[str]:
+    """Return a sentence for each kind of change, with the parts that have it if not all of `count`.
+
+    Changes in the same words are one: what they count is added, and what they name is joined.
+    """
+    sums: dict[tuple[str, str], Change] = {}
+    parts: dict[tuple[str, str], dict[str, None]] = {}
+    for name, each in found:
+        change = Change("{}", names=(each,)) if isinstance(each, str) else each
+        key = (each, "") if isinstance(each, str) else (each.words, each.noun)
+        sums[key] = sums[key] + change if key in sums else change
+        parts.setdefault(key, {})[name] = None
     return [
-        sentence if len(names) == count else f"{join_truncated(names)}: {sentence}"
-        for sentence, names in found.items()
+        str(change) if len(parts[key]) == count else f"{join_truncated(parts[key])}: {change}"
+        for key, change in sums.items()
     ]
 
 
@@ -400,9 +416,9 @@ def count_kinds(kinds: Mapping[str, str]) -> str:
     paths: dict[str, list[str]] = {}
     for path, kind in kinds.items():
         paths.setdefault(kind, []).append(path)
-    return ", ".join(
-        f"{len(each)} {kind} ({join_truncated(each, 3)})" for kind, each in paths.items()
-    )
+    limit = max(1, MAX_NAMED // max(1, len(paths)))
+    named = (f"{len(each)} {kind} ({join_truncated(each, limit)})" for kind, each in paths.items())
+    return join_truncated(named)
 
 
 def read_constant_polygons(
@@ -424,7 +440,8 @@ def check_corner_counts(counts: Integers, corners: Integers) -> None:
     total = int(counts.sum(dtype=np.int64))
     if len(counts) == 0 or counts.min() < 0 or total != len(corners):
         raise FormatError(
-            f"{len(counts)} faces need {total} corners, found {len(corners)}; export the mesh again"
+            f"{group_digits(len(counts))} faces need {group_digits(total)} corners, found "
+            f"{group_digits(len(corners))}; export the mesh again"
         )
 
 

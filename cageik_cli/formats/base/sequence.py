@@ -26,6 +26,7 @@ from cageik_cli.util.errors import (
     join_truncated,
 )
 from cageik_cli.util.messages import Note, Said, say
+from cageik_cli.util.text import group_digits
 from cageik_cli.util.threads import OrderedMap
 
 
@@ -253,7 +254,7 @@ def as_sequence(clip: MeshSequence | ArrayLike, rest: TriMesh) -> MeshSequence:
     if found[1:] != rest.vertices.shape or not found[0]:
         raise ConnectivityError(
             f"frames have shape {found}, expected (F, {len(rest.vertices)}, 3) as the rest pose "
-            f"has {len(rest.vertices)} vertices; give frames of that mesh"
+            f"has {group_digits(len(rest.vertices))} vertices; give frames of that mesh"
         )
     return sequence
 

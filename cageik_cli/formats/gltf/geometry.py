@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cageik_cli.formats.base.mesh_data import FileMesh
+from cageik_cli.formats.base.mesh_data import Change, FileMesh
 from cageik_cli.formats.gltf.document import (
     ACCESSORS,
     Document,
@@ -33,8 +33,8 @@ from cageik_cli.formats.gltf.nodes import (
 )
 from cageik_cli.geometry.attributes import NONE
 from cageik_cli.util.arrays import Floats, Integers
-from cageik_cli.util.errors import FormatError, join_truncated
-from cageik_cli.util.text import format_count, single_line
+from cageik_cli.util.errors import FormatError
+from cageik_cli.util.text import group_digits, single_line
 
 TargetMoves = tuple[Integers, NDArray[Any], Integers]
 """Welded vertices (k,), displacements (r, 3) of the file, and which of these they have, (k,)."""
@@ -76,7 +76,8 @@ class Pool:
             found = count_rows(document, accessor)
             if found != size:
                 raise FormatError(
-                    f"accessors[{accessor}] has {found} vertices, expected {size} as "
+                    f"accessors[{accessor}] has {group_digits(found)} vertices, expected "
+                    f"{group_digits(size)} as "
                     f"accessors[{place}]; export the file again"
                 )
         # Sparse targets are not expanded, but compared vertex by vertex.
@@ -106,7 +107,7 @@ class Geometry:
         The first vertex of the pools that became each.
     labels : (n,) int64
         The vertex that each vertex of the pools became; -1 if no triangle has it.
-    notes : list of str
+    notes : list of Change
         What was changed.
     surfaces : dict
         The mesh and its surface once it was read, by whether it is mirrored: of its first copy.
@@ -238,14 +239,15 @@ class Geometry:
         count = int(np.count_nonzero(is_used))
         unused = len(is_used) - count
         if count > len(self.firsts):
-            self.notes.append(
-                f"{count} vertices, split where texture coordinates, normals or materials differ, "
-                f"welded to {len(self.firsts)}"
+            words = (
+                "{} welded to others at the same place: they are split where texture "
+                "coordinates, normals or materials differ"
             )
+            self.notes.append(Change(words, "vertex", count - len(self.firsts)))
         if unused:
-            self.notes.append(f"{format_count(unused, 'vertex')} of no triangle left out")
+            self.notes.append(Change("{} of no triangle left out", "vertex", unused))
         if flat:
-            self.notes.append(f"{format_count(flat, 'triangle')} with a corner twice left out")
+            self.notes.append(Change("{} with a corner twice left out", "triangle", flat))
 
 
 def number_rows(parts: Sequence[NDArray[Any]]) -> Integers:
@@ -273,7 +275,7 @@ def count_targets(mesh: Item) -> int:
 
 def _read_triangles(
     document: Document, mesh: Item
-) -> tuple[list[Pool], Integers, Integers, list[str]]:
+) -> tuple[list[Pool], Integers, Integers, list[Change]]:
     """Read the triangles of all primitives of a mesh, as they are in the file.
 
     Returns
@@ -301,10 +303,10 @@ def _read_triangles(
     if len({len(pool.targets) for pool in pools.values()}) > 1:
         raise FormatError(f"{mesh.place} has primitives of other numbers of morph targets")
     others = len(primitives) + 1 - len(faces)
-    notes = [f"{format_count(others, 'primitive')} without faces left out"] * (others > 0)
+    notes = [Change("{} without faces left out", "primitive", others)] * (others > 0)
     names = dict.fromkeys(name for pool in pools.values() for name in pool.attributes)
     unread = [name for name in names if not _KEPT.fullmatch(name)]
-    notes += [f"left out {join_truncated(map(single_line, unread))}"] if unread else []
+    notes += [Change("left out {}", names=tuple(map(single_line, unread)))] if unread else []
     return list(pools.values()), np.concatenate(faces), np.concatenate(materials), notes
 
 

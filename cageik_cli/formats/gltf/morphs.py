@@ -20,7 +20,7 @@ from cageik_cli.formats.gltf.surface import Primitive, cut_surface
 from cageik_cli.util.arrays import Floats, spread_evenly
 from cageik_cli.util.errors import OutputError
 from cageik_cli.util.messages import say
-from cageik_cli.util.text import format_count
+from cageik_cli.util.text import format_count, group_digits
 from cageik_cli.util.threads import limit_blas_threads
 
 EXACT_TOL = 1e-6
@@ -242,7 +242,7 @@ class Writer(GlbWriter):
         whole, written = len(self._rest), len(self._surface.origins)
         if written != whole:
             split = "split where texture coordinates, normals or materials differ"
-            self.notes += (f"{whole} vertices are {written} in the file, {split}",)
+            self.notes += (f"{group_digits(whole)} vertices are {written} in the file, {split}",)
         return modes, rms, largest
 
     def _write_primitive(self, part: Primitive, modes: Modes) -> Any:

@@ -7,12 +7,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cageik_cli.formats.base.mesh_data import Change
 from cageik_cli.formats.gltf.document import Document, Item, count_rows, read_floats, read_integers
 from cageik_cli.geometry.attributes import MAX_NAME_LENGTH
 from cageik_cli.geometry.parts import Part
 from cageik_cli.util.arrays import Floats, Integers, Mask
 from cageik_cli.util.errors import FormatError
-from cageik_cli.util.text import format_count, number_names
+from cageik_cli.util.text import group_digits, number_names
 
 TRS_WIDTHS = {"translation": 3, "rotation": 4, "scale": 3}
 """Numbers of the values that place a node; rotations are quaternions (x, y, z, w)."""
@@ -293,7 +294,7 @@ class Influences:
         Places in the list of the skin, ascending, and 0 where the weight is 0.
     weights : (n, s) float64
         Each row has the sum 1.
-    notes : list of str
+    notes : list of Change
         What was changed.
     """
 
@@ -305,7 +306,7 @@ class Influences:
         FormatError
             When a weight is not a finite number from 0 on, or a joint is not there.
         """
-        self.notes: list[str] = []
+        self.notes: list[Change] = []
         if not (np.isfinite(weights).all() and (weights >= 0).all()):
             raise FormatError(
                 "has weights of joints that are not finite numbers from 0 on; export the file again"
@@ -315,17 +316,13 @@ class Influences:
         weights = weights.copy()
         weights[is_lost, 0] = sums[is_lost] = 1
         if is_lost.any():
-            count = format_count(int(np.count_nonzero(is_lost)), "vertex")
-            self.notes.append(
-                f"the weights of {count} sum to 0; the first joint that is named there moves each"
-            )
+            words = "the weights of {} sum to 0; the first joint that is named there moves each"
+            self.notes.append(Change(words, "vertex", int(np.count_nonzero(is_lost))))
         is_off = np.abs(sums - 1) > SUM_TOL
         if is_off.any():
-            count = format_count(int(np.count_nonzero(is_off)), "vertex")
-            self.notes.append(
-                f"the weights of {count} sum to {sums.min():.3g} to "
-                f"{sums.max():.3g}, and are divided by their sum"
-            )
+            words = "the weights of {} sum to {span}, and are divided by their sum"
+            count, span = int(np.count_nonzero(is_off)), (sums.min(), sums.max())
+            self.notes.append(Change(words, "vertex", count, span=span))
         self.weights = weights / sums[:, None]
         is_absent = (joints >= joint_count) & (self.weights > 0)
         if is_absent.any():
@@ -379,7 +376,8 @@ def read_influences(
         for name, found in values.items():
             if len(found) != vertex_count:
                 raise FormatError(
-                    f"{name} has {len(found)} vertices, POSITION {vertex_count}; export the file "
+                    f"{name} has {group_digits(len(found))} vertices, POSITION "
+                    f"{group_digits(vertex_count)}; export the file "
                     "again"
                 )
         joints[:, columns], weights[:, columns] = values.values()

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from cageik_cli.formats.base.mesh_data import FileMesh, LayerReaders
+from cageik_cli.formats.base.mesh_data import Change, FileMesh, LayerReaders
 from cageik_cli.formats.base.scene_graph import Polygons, SceneMesh, SceneReader, find_step, snap
 from cageik_cli.formats.base.sequence import ClipRequest
 from cageik_cli.formats.gltf.document import Document, Item, count_rows, read_floats
@@ -24,7 +24,13 @@ from cageik_cli.formats.gltf.surface import list_surface_layers
 from cageik_cli.formats.settings import GLTF_RATE_KEY, SceneHints
 from cageik_cli.formats.timeline import MAX_TIMELINE_NUMBER
 from cageik_cli.util.arrays import Floats
-from cageik_cli.util.errors import FormatError, SettingError, error_context, join_truncated
+from cageik_cli.util.errors import (
+    MAX_LISTED,
+    FormatError,
+    SettingError,
+    error_context,
+    join_truncated,
+)
 from cageik_cli.util.messages import Hint, Said, say
 from cageik_cli.util.text import number_names
 
@@ -90,7 +96,8 @@ class Reader(SceneReader):
         number, self._top = choose_animation(names, self._member)
         if number is None and len(names) > 1:
             raise SettingError(
-                f"holds {len(names)} animations: {join_truncated(names)}; choose one, as in "
+                f"holds {len(names)} animations: {join_truncated(names, MAX_LISTED)}; choose "
+                "one, as in "
                 f"FILE::{names[0]}" + (f"::{self._top}" if self._top else "")
             )
         tree = NodeTree(document)
@@ -268,7 +275,7 @@ class GltfMesh(SceneMesh):
         """Return what reads UVs, normals, colours and materials."""
         return list_surface_layers(self._document, self._geometry)
 
-    def describe_transform(self, time: float) -> list[str]:
+    def describe_transform(self, time: float) -> list[str | Change]:
         """Return notes on what was changed, too."""
         return [*super().describe_transform(time), *self._geometry.notes]
 
@@ -317,7 +324,8 @@ def choose_animation(names: list[str], member: str | None) -> tuple[int | None, 
     if len(names) < 2:
         return None, member
     raise SettingError(
-        f"holds no animation `{typed}`; choose one of {join_truncated(names)}; parts are named "
+        f"holds no animation `{typed}`; choose one of {join_truncated(names, MAX_LISTED)}; parts "
+        "are named "
         f"behind it, as in ::{names[0]}::{typed}"
     )
 

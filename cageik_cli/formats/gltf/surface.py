@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cageik_cli.formats.base.mesh_data import LayerReaders, list_layer_readers
+from cageik_cli.formats.base.mesh_data import Change, LayerReaders, list_layer_readers
 from cageik_cli.formats.gltf.document import ACCESSORS, Document
 from cageik_cli.formats.gltf.file import GlbFile, Singles, round_to
 from cageik_cli.formats.gltf.geometry import Geometry
@@ -33,7 +33,7 @@ from cageik_cli.geometry.shape import (
 )
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import FormatError
-from cageik_cli.util.text import format_count, number_names
+from cageik_cli.util.text import number_names
 
 PLAIN = "plain"
 """The material of triangles without: glTF's own is a metal, black where nothing is mirrored."""
@@ -61,8 +61,8 @@ def _read_layer(geometry: Geometry, name: str, attributes: SurfaceAttributes) ->
         own = found[geometry.firsts]
         split = (found[geometry.origins] != own[geometry.corners]).any(axis=1)
         if split.any():
-            count = format_count(len(np.unique(geometry.corners[split])), "vertex")
-            note = f"several {layer.noun} at {count}, of which one is kept"
+            count = len(np.unique(geometry.corners[split]))
+            note = Change(f"several {layer.noun} at {{}}, of which one is kept", "vertex", count)
             geometry.notes += [] if note in geometry.notes else [note]  # as an instance has it
         return attributes.add_layer(name, own)
     is_held = np.isfinite(found).sum(axis=1) >= (3 if name == "normal_fans" else 1)

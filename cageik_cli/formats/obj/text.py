@@ -17,7 +17,7 @@ from cageik_cli.formats.base.mesh_data import FileMesh
 from cageik_cli.util import compiled
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import FormatError, InputError
-from cageik_cli.util.text import format_count
+from cageik_cli.util.text import format_count, group_digits
 
 Offsets = NDArray[np.int32] | NDArray[np.int64]
 
@@ -253,7 +253,8 @@ def _parse_word_by_word(tokens: Tokens, data: bytes) -> FileMesh:
             raise FormatError(f"{_quote_line(tokens, line, data)} {error}; {remedy}") from error
     if not vertices:
         raise FormatError(
-            f"0 vertices and {len(polygons)} faces found, expected a mesh in OBJ text; export it "
+            f"0 vertices and {group_digits(len(polygons))} faces found, expected a mesh in OBJ "
+            "text; export it "
             "again"
         )
     last = max(map(max, polygons), default=0) + 1

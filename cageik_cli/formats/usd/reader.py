@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cageik_cli.formats.base.files import ClaimedBytes
-from cageik_cli.formats.base.mesh_data import LayerReaders, list_layer_readers
+from cageik_cli.formats.base.mesh_data import Change, LayerReaders, list_layer_readers
 from cageik_cli.formats.base.scene_graph import (
     EVEN_STEP_TOL,
     SNAP_TOL,
@@ -320,16 +320,18 @@ class UsdSceneMesh(SceneMesh):
             return super().is_mirrored(time)
         return is_mirroring(self._pose.compute_matrix(time))
 
-    def describe_transform(self, time: float) -> list[str]:
+    def describe_transform(self, time: float) -> list[str | Change]:
         """Return notes on what has moved the mesh, and when it is not seen."""
         prim = self._mesh.GetPrim()
+        moved: list[str | Change]
         if self._pose is not None:
             moved = self._pose.describe()
         else:
-            moved = super().describe_transform(time) + describe_unposed(prim)
+            moved = [*super().describe_transform(time), *describe_unposed(prim)]
         hidden = [each for each in _list_visibility_times(prim) if not _is_visible(prim, each)]
         return moved + [
-            f"invisible at time {each:g}, but read in all frames" for each in hidden[:1]
+            Change("invisible at {}, but read in all frames", "time", names=(f"{each:g}",))
+            for each in hidden[:1]
         ]
 
     def list_polygon_times(self) -> list[float]:

@@ -6,10 +6,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cageik_cli.formats.base.files import ClaimedBytes
+from cageik_cli.formats.base.mesh_data import Change
 from cageik_cli.formats.base.scene_graph import transform_points
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import ConnectivityError, FormatError, error_context
-from cageik_cli.util.text import format_count
+from cageik_cli.util.text import format_count, group_digits
 
 MAX_JOINTS = 100_000
 """Joints of a skeleton; USD takes seconds per frame for ten times as many."""
@@ -121,9 +122,12 @@ class MeshPose:
             times.update(self._motion.GetBlendShapeWeightTimeSamples())
         return times
 
-    def describe(self) -> list[str]:
+    def describe(self) -> list[str | Change]:
         """Return notes on what poses the mesh."""
-        notes = [f"posed by the skeleton {self._skeleton.GetPath()}"] if self.has_joints else []
+        notes: list[str | Change] = []
+        if self.has_joints:
+            path = str(self._skeleton.GetPath())
+            notes.append(Change("posed by the {}", "skeleton", names=(path,)))
         return notes + (["shaped by its blend shapes"] if self._shapes is not None else [])
 
     def compute_matrix(self, time: float) -> Floats:
@@ -139,7 +143,8 @@ class MeshPose:
 
         if len(points) != self._count:
             raise ConnectivityError(
-                f"{len(points)} vertices at time {time:g}, but its rig is for {self._count}; all "
+                f"{group_digits(len(points))} vertices at time {time:g}, but its rig is for "
+                f"{group_digits(self._count)}; all "
                 "must share one connectivity"
             )
         posed = Vt.Vec3fArray.FromNumpy(np.array(points, np.float32))  # of our own: changed

@@ -68,6 +68,7 @@ from cageik_cli.method.weights.harmonic import HarmonicSolution, check_request
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import CageError
 from cageik_cli.util.progress import ignore_progress
+from cageik_cli.util.text import group_digits
 
 
 @dataclass(frozen=True, eq=False)
@@ -221,7 +222,8 @@ class HarmonicField:
         outside = within[winding_numbers(self.cage, points[within]) < 0.5]
         if len(outside):
             raise CageError(
-                f"{len(outside)} of {len(points)} points are outside the cage, the first is number "
+                f"{group_digits(len(outside))} of {group_digits(len(points))} points are outside "
+                "the cage, the first is number "
                 f"{outside[0]} (from 0); take their closest points on it"
             )
         return nearest

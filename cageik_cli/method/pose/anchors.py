@@ -15,6 +15,7 @@ from cageik_cli.geometry.surface import closest_points
 from cageik_cli.method.pose.camera import Camera
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import HandlesError, InputError
+from cageik_cli.util.text import group_digits
 
 BARYCENTRIC_TOL = 1e-6
 """Barycentric coordinates may miss the sum of one by this much; they are then normalised."""
@@ -126,7 +127,8 @@ def point_on_face(mesh: TriMesh, face: int, barycentric: Floats) -> SurfacePoint
     count, shares = len(mesh.faces), np.asarray(barycentric, np.float64)
     if not 0 <= face < count:
         raise HandlesError(
-            f"there is no face {face}; the mesh has {count} triangles, numbered from 0 to "
+            f"there is no face {face}; the mesh has {group_digits(count)} triangles, numbered "
+            "from 0 to "
             f"{count - 1}"
         )
     if shares.shape != (3,) or not np.isfinite(shares).all():

@@ -19,6 +19,7 @@ from cageik_cli.method.weights.binding import Binding
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import HandlesError, join_truncated
 from cageik_cli.util.messages import say
+from cageik_cli.util.text import format_decimals, group_digits
 
 MAX_ASYMMETRY = 1e-3
 """Largest distance of a vertex from its partner's mirror image, in diagonals of the cage."""
@@ -84,9 +85,10 @@ def mirror_pairs(cage: TriMesh, mirror: Mirror) -> Integers:
     wrong = np.flatnonzero(off | (nearest[nearest] != np.arange(len(nearest))))
     if len(wrong):
         raise HandlesError(
-            f"mirror: the cage is not symmetric, {len(wrong)} of {len(nearest)} cage vertices have "
+            f"mirror: the cage is not symmetric, {group_digits(len(wrong))} of "
+            f"{group_digits(len(nearest))} cage vertices have "
             f"no partner within {100 * MAX_ASYMMETRY:g} % of its diagonal "
-            f"({join_truncated(wrong.tolist(), 5)}); move the plane, or remove the mirror"
+            f"({join_truncated(wrong.tolist())}); move the plane, or remove the mirror"
         )
     return np.asarray(nearest, np.int64)
 
@@ -149,8 +151,9 @@ def find_reach(
         if share < MIN_FREE_SHARE:
             raise HandlesError(
                 f"handle {anchors[k].name!r}: radius: {radii[k]:g} is too small for "
-                f"this cage: what is free to move has {100 * share:.0f} % of the weights there "
-                f"(at least {100 * MIN_FREE_SHARE:.0f} %); give it a radius of at least "
+                f"this cage: what is free to move has {format_decimals(100 * share, 0)} % of the "
+                f"weights there (at least {100 * MIN_FREE_SHARE:.0f} %); give it a radius of at "
+                "least "
                 f"{search.find_radius(radii, k):.3g}, or use a finer cage"
             )
     return is_beyond, np.flatnonzero(~is_free), search.find_beyond(radii, search.centres)

@@ -28,6 +28,7 @@ from cageik_cli.method.weights.binding import Binding, Poses, WeightQuality
 from cageik_cli.util.arrays import Floats, Integers, Workspace, spread_evenly
 from cageik_cli.util.errors import NumericalError
 from cageik_cli.util.messages import say
+from cageik_cli.util.text import group_digits
 
 MAX_CONDITION = 1e12
 """Normal matrices with a larger condition number are refused."""
@@ -260,10 +261,10 @@ class DualLaplacianSolver:
             )
         elif self.data_count < n:
             remedy = (
-                f"{self.data_count} vertices that are data cannot determine {n} cage "
+                f"{group_digits(self.data_count)} vertices that are data cannot determine {n} cage "
                 "vertices: "
                 + say("raise `alpha=`, whose default is 1e-3, or take a cage of at most ")
-                + f"{self.data_count} vertices"
+                + f"{group_digits(self.data_count)} vertices"
             )
         weakest = int(np.argmin(np.abs(self._weights).max(axis=0)))
         raise NumericalError(

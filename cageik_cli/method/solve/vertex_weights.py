@@ -8,6 +8,7 @@ from cageik_cli.geometry.shape import lumped_areas
 from cageik_cli.method.solve.settings import AREA
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import FormatError, SettingError
+from cageik_cli.util.text import group_digits
 
 
 def weigh_by_area(mesh: TriMesh) -> Floats:
@@ -37,7 +38,8 @@ def normalize_weights(weights: Floats, count: int) -> Floats:
     """Return the weights of `count` vertices scaled to a mean of one."""
     if weights.shape != (count,):
         raise FormatError(
-            f"vertex weights have shape {weights.shape}, the model has {count} vertices; expected "
+            f"vertex weights have shape {weights.shape}, the model has {group_digits(count)} "
+            "vertices; expected "
             "one number per vertex"
         )
     wrong = np.flatnonzero(~(np.isfinite(weights) & (weights >= 0)))

@@ -39,6 +39,7 @@ from cageik_cli.method.weights.settings import ACCURACIES, Accuracy
 from cageik_cli.util.arrays import Floats, Integers, spread_evenly
 from cageik_cli.util.errors import CageError, SettingError
 from cageik_cli.util.progress import ignore_progress
+from cageik_cli.util.text import group_digits
 from cageik_cli.util.threads import count_processors, limit_blas_threads
 
 MIN_PANELS = 60
@@ -197,7 +198,9 @@ def check_request(cage: TriMesh, accuracy: str | Accuracy) -> None:
         raise SettingError(f"accuracy is {accuracy!r}, expected one of {', '.join(ACCURACIES)}")
     if len(cage.faces) > MAX_HARMONIC_FACES:
         raise CageError(
-            f"the cage has {len(cage.faces)} faces, at most {MAX_HARMONIC_FACES} fit in memory; "
+            f"the cage has {group_digits(len(cage.faces))} faces, at most "
+            f"{group_digits(MAX_HARMONIC_FACES)} "
+            "fit in memory; "
             "use a coarser cage"
         )
 

@@ -331,5 +331,5 @@ def _draw_moved(
 
 
 def _format_move(percent: float) -> str:
-    """Format a displacement, without the sign of what rounds to zero."""
-    return format_percent(round(percent, 4) + 0.0)
+    """Format a displacement, without the sign of zero."""
+    return format_percent(percent + 0.0)

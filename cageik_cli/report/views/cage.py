@@ -15,14 +15,14 @@ from cageik_cli.cages.settings import BuildSettings
 from cageik_cli.formats.base.mesh_data import LoadedMesh
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.parts import get_parts, name_vertex
-from cageik_cli.report.figures import convert_to_integer
+from cageik_cli.report.figures import convert_to_integer, format_length, format_percent
 from cageik_cli.report.render.shading import parse_colour
 from cageik_cli.report.vocabulary import CAGE_VERDICT_WORDS
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import join_truncated
 from cageik_cli.util.messages import Note, Row, Spelling, spell, spell_keyword
 from cageik_cli.util.settings import show_settings
-from cageik_cli.util.text import format_count, format_row, pluralize
+from cageik_cli.util.text import format_count, format_row, group_digits, pluralize
 from cageik_cli.util.version import __version__
 
 if TYPE_CHECKING:
@@ -122,7 +122,7 @@ def _describe(found: Finding) -> str:
         nouns = ("vertex", "edge", "face", "face pair")
         singular = next(noun for noun in nouns if pluralize(noun) == found.elements)
         return f"{kind}: {singular} {names[0]}"
-    return f"{kind}: {len(names)} {found.elements} ({join_truncated(names, 3)})"
+    return f"{kind}: {len(names)} {found.elements} ({join_truncated(names)})"
 
 
 def encode_marked_ply(cage: TriMesh, rest: TriMesh | None, marks: tuple[FaultMark, ...]) -> bytes:
@@ -277,9 +277,11 @@ def _candidate_record(candidate: "Candidate") -> dict[str, Any]:
 def _count(mesh: TriMesh) -> str:
     triangles, quads = len(mesh.faces), _count_quads(mesh)
     faces = (
-        f"{quads} quads, {triangles - 2 * quads} triangles" if quads else f"{triangles} triangles"
+        f"{group_digits(quads)} quads, {group_digits(triangles - 2 * quads)} triangles"
+        if quads
+        else f"{group_digits(triangles)} triangles"
     )
-    return f"{len(mesh.vertices)} vertices, {faces}"
+    return f"{group_digits(len(mesh.vertices))} vertices, {faces}"
 
 
 def _count_quads(mesh: TriMesh) -> int:
@@ -296,14 +298,16 @@ def _format_clearance(candidate: "Candidate") -> str:
 
 def _describe_candidate(candidate: "Candidate") -> str:
     verdict = candidate.verdict
-    facts = f"{candidate.recipe}: {len(candidate.cage.vertices)} vertices"
+    facts = f"{candidate.recipe}: {group_digits(len(candidate.cage.vertices))} vertices"
     if not verdict.is_valid:
         return f"{facts}; {verdict.faults[0]}"
     facts += (
         f", genus {verdict.genus}, mean distance {100 * verdict.looseness:.3g} %, smallest angle "
         f"{verdict.smallest_angle:.3g} degrees"
     )
-    return facts if candidate.error is None else f"{facts}, error {candidate.error:.4f} %"
+    return (
+        facts if candidate.error is None else f"{facts}, error {format_percent(candidate.error)} %"
+    )
 
 
 def list_repair_rows(repaired: "RepairedCage", diagonal: float) -> list[Row]:
@@ -312,7 +316,9 @@ def list_repair_rows(repaired: "RepairedCage", diagonal: float) -> list[Row]:
     `diagonal` is that of the model, in file units.
     """
     count, corners = len(repaired.mesh.vertices), repaired.mesh.corner_counts
-    rows: list[Row] = [("cage", f"fit, {count} vertices, {len(corners)} faces")]
+    rows: list[Row] = [
+        ("cage", f"fit, {group_digits(count)} vertices, {group_digits(len(corners))} faces")
+    ]
     if repaired.transform is not None:
         rows.append(("transform", repaired.transform.name))
     rows += [("step", step.message) for step in repaired.steps]
@@ -320,7 +326,11 @@ def list_repair_rows(repaired: "RepairedCage", diagonal: float) -> list[Row]:
     if moved:
         share = 100 * repaired.max_move / diagonal
         rows.append(
-            ("moved", f"{moved} of {count} vertices, at most {share:.3g} % of the diagonal")
+            (
+                "moved",
+                f"{group_digits(moved)} of {group_digits(count)} vertices, at most {share:.3g} % "
+                "of the diagonal",
+            )
         )
     else:
         rows.append(("moved", "no vertex"))
@@ -440,7 +450,7 @@ def format_check_json(result: CheckResult, spelling: Spelling = spell_keyword) -
 
 def _cage_rows(facts: CageFacts) -> list[Row]:
     surface = (
-        f"{facts.vertices} vertices, {facts.faces} triangles, "
+        f"{group_digits(facts.vertices)} vertices, {group_digits(facts.faces)} triangles, "
         f"{format_count(facts.components, 'component')}"
     )
     if facts.genus is not None:
@@ -449,7 +459,7 @@ def _cage_rows(facts: CageFacts) -> list[Row]:
         surface += f", symmetric about {facts.symmetry}"
     rows: list[Row] = [
         ("cage", surface),
-        ("volume", "not defined" if facts.volume is None else f"{facts.volume:.6g}"),
+        ("volume", "not defined" if facts.volume is None else format_length(facts.volume)),
     ]
     if facts.smallest_angle is not None:
         angle = f"{facts.smallest_angle:.3g} degrees at face {facts.smallest_angle_face}"
@@ -458,7 +468,10 @@ def _cage_rows(facts: CageFacts) -> list[Row]:
 
 
 def _rest_rows(rest: LoadedMesh, facts: RestFacts) -> list[Row]:
-    counts = f"{facts.vertices} vertices, {facts.faces} triangles, diagonal {facts.diagonal:.6g}"
+    counts = (
+        f"{group_digits(facts.vertices)} vertices, {group_digits(facts.faces)} triangles, "
+        f"diagonal {format_length(facts.diagonal)}"
+    )
     parts = get_parts(rest.mesh)
     if parts is not None:
         counts += f", {len(parts.names)} parts"
@@ -466,7 +479,7 @@ def _rest_rows(rest: LoadedMesh, facts: RestFacts) -> list[Row]:
     if facts.outside is None:
         rows.append(("clearance", "not defined (the cage does not enclose a volume)"))
     elif facts.outside:
-        rows.append(("clearance", f"none ({facts.outside} vertices are outside)"))
+        rows.append(("clearance", f"none ({group_digits(facts.outside)} vertices are outside)"))
     elif facts.clearance_vertex is not None:
         vertex = name_vertex(rest.mesh, facts.clearance_vertex)
         distance = f"{facts.clearance:.3g} % of the diagonal, vertex {vertex} from face"

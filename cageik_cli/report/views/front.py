@@ -12,13 +12,12 @@ from cageik_cli.report.figures import (
     KeptSummary,
     format_briefly,
     format_scene_length,
-    group_digits,
 )
 from cageik_cli.report.record import Report
 from cageik_cli.report.regions import label_vertex, name_cause, sort_parts
 from cageik_cli.report.views.text import format_check_row
 from cageik_cli.util.messages import Hint, spell
-from cageik_cli.util.text import format_count, format_row, single_line
+from cageik_cli.util.text import format_count, format_row, group_digits, single_line
 
 MAX_FRONT_WIDTH = 110
 """Characters of a line of notes, at most."""
@@ -195,8 +194,8 @@ def _take_fitting(texts: Iterable[str]) -> str:
 
 
 def _format_error(percent: float) -> str:
-    """Format an error in percent; what is rounding only is 0."""
-    return "0 %" if percent < EXACT_ERROR_TOL else f"{format_briefly(percent)} %"
+    """Format an error in percent."""
+    return f"{format_briefly(percent)} %"
 
 
 def find_worst_frame(report: Report, metric: str) -> tuple[FrameRecord, float]:
@@ -257,7 +256,7 @@ def _list_gap_notes(report: Report) -> list[tuple[str, str]]:
     if not frames:
         return []
     total = format_count(len(report.frames), "frame")
-    return [("warning", f"{len(frames)} of {total} skipped: {frames[0].skipped}")]
+    return [("warning", f"{group_digits(len(frames))} of {total} skipped: {frames[0].skipped}")]
 
 
 def _list_note_rows(

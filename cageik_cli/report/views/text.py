@@ -23,7 +23,13 @@ from cageik_cli.report.regions import (
 from cageik_cli.report.vocabulary import Vocabulary
 from cageik_cli.util.errors import join_truncated
 from cageik_cli.util.messages import Row, Spelling, spell, spell_keyword
-from cageik_cli.util.text import format_block, format_count, single_line
+from cageik_cli.util.text import (
+    format_block,
+    format_count,
+    format_decimals,
+    group_digits,
+    single_line,
+)
 
 
 def format_text(
@@ -37,7 +43,7 @@ def format_text(
     headline = (
         f"{report.result}: {format_count(clip.frames, 'frame')} of "
         f"{format_count(clip.vertices, 'vertex')} in a cage of {clip.cage_vertices}, "
-        f"diagonal {clip.diagonal:.6g}"
+        f"diagonal {format_length(clip.diagonal)}"
     )
     size = describe_size(clip, summary.fixed_floats)
     e_rms, kg_error = format_metric(summary.e_rms), _format_number(summary.kg_error)
@@ -53,7 +59,7 @@ def format_text(
         *_bound_rows(report),
         ("volume change", _format_volume(report, words)),
         *([("metrics", published)] if words.has_published_metrics else []),
-        ("size", f"{summary.floats_per_frame} floats per frame {size}"),
+        ("size", f"{group_digits(summary.floats_per_frame)} floats per frame {size}"),
         *_quality_rows(report, words),
         *([] if report.fit is None else format_fit_rows(report.fit, is_verbose)),
         *_skipped_rows(report),
@@ -102,10 +108,15 @@ def _bound_rows(report: Report) -> list[Row]:
     if bound is None or bound.is_trivial:
         return []
     total = report.clip.vertices
-    where = "" if bound.vertices >= total else f", measured on {bound.vertices} of {total} vertices"
+    where = (
+        ""
+        if bound.vertices >= total
+        else f", measured on {group_digits(bound.vertices)} of {group_digits(total)} vertices"
+    )
     text = f"{format_percent(bound.rms_percent)} % with any weights and cages{where}"
     if closed is not None:
-        text += f"; the fit takes {closed:.0f} % of the way from the unfitted error to it"
+        share = format_decimals(closed, 0)
+        text += f"; the fit takes {share} % of the way from the unfitted error to it"
     return [("best possible", text)]
 
 
@@ -148,11 +159,13 @@ def _skipped_rows(report: Report) -> list[Row]:
     if not frames:
         return []
     total = format_count(len(report.frames), "frame")
-    names = join_truncated((frame.name for frame in frames), 5)
-    rows: list[Row] = [("skipped", f"{len(frames)} of {total}: {names}; {frames[0].skipped}")]
+    names = join_truncated(frame.name for frame in frames)
+    rows: list[Row] = [
+        ("skipped", f"{group_digits(len(frames))} of {total}: {names}; {frames[0].skipped}")
+    ]
     if report.filled:
         count = format_count(len(report.filled), "frame")
-        rows.append(("filled", f"{count} from those around: {join_truncated(report.filled, 5)}"))
+        rows.append(("filled", f"{count} from those around: {join_truncated(report.filled)}"))
     return rows
 
 

