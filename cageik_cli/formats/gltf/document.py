@@ -507,4 +507,5 @@ def _view_rows(
             f"{item.place}: {shape[0]} elements of {width} bytes, {step} apart, end at byte {stop} "
             f"of a view of {len(data)}; export the file again"
         )
-    return np.ndarray(shape, kind, data, start, (step, kind.itemsize))
+    # That of a single element goes nowhere, and may be any number.
+    return np.ndarray(shape, kind, data, start, (min(step, len(data)), kind.itemsize))
