@@ -175,12 +175,14 @@ def format_percent(value: float) -> str:
     return format_decimals(value, PERCENT_DECIMALS)
 
 
-def format_length(value: float) -> str:
+def format_length(value: float, group: str = " ") -> str:
     """Format a length in file units as in all views."""
-    return group_digits(f"{value:.{LENGTH_DIGITS}g}")
+    return group_digits(f"{value:.{LENGTH_DIGITS}g}", group)
 
 
-def format_scene_length(clip: ClipRecord, percent: float, digits: int = 2) -> str:
+def format_scene_length(
+    clip: ClipRecord, percent: float, digits: int = 2, *, group: str = " "
+) -> str:
     """Return a share of the size, in percent, as a length in the unit of the scene.
 
     Metric lengths take the unit that suits them.
@@ -191,7 +193,7 @@ def format_scene_length(clip: ClipRecord, percent: float, digits: int = 2) -> st
         metres = size * clip.metres_per_unit
         unit = next((name for name in METRIC_UNITS if metres >= UNIT_LENGTHS[name]), "mm")
         size = metres / UNIT_LENGTHS[unit]
-    number = group_digits(format_briefly(size, digits))
+    number = group_digits(format_briefly(size, digits), group)
     return number if unit is None else f"{number} {unit}"
 
 

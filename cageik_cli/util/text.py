@@ -65,9 +65,9 @@ def group_digits(number: int | str, group: str = " ") -> str:
     return re.sub(r"(?<=\d)(?=(\d{3})+$)", group, whole) + rest
 
 
-def format_count(count: int, noun: str) -> str:
+def format_count(count: int, noun: str, group: str = " ") -> str:
     """Format a number of things: "1 frame", "2 frames", "2 400 vertices"."""
-    return f"{group_digits(count)} {noun if count == 1 else pluralize(noun)}"
+    return f"{group_digits(count, group)} {noun if count == 1 else pluralize(noun)}"
 
 
 def format_decimals(value: float, decimals: int) -> str:

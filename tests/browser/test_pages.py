@@ -119,6 +119,25 @@ def test_a_click_sorts_the_frames_and_another_reverses_them(opened, html, report
     assert titles.nth(2).get_attribute("aria-sort") == "ascending"
 
 
+def test_digits_in_groups_are_sorted_as_numbers(opened, report, poses):
+    volumes = [15013.0, 999.0, 2400.0, 1234567.0]
+    frames = tuple(
+        replace(frame, volume=volumes[frame.index % 4], name=f"{frame.index}.obj")
+        for frame in report.frames
+        if frame.skipped is None
+    )
+    page = opened(render_page(replace(report, frames=frames), poses)).page
+    page.get_by_role("button", name="Volume", exact=True).click()
+    titles = page.locator("#frames-table thead th").all_text_contents()
+    values = _column(page, "frames-table", titles.index("Volume") + 1)
+    assert list(dict.fromkeys(values)) == [
+        "1.23457e+06",
+        "15\u202f013",
+        "2\u202f400",
+        "999",
+    ]
+
+
 def test_the_keyboard_sorts_the_frames_by_name_as_numbers(opened, html, report):
     page = opened(html).page
     page.get_by_role("button", name="Frame", exact=True).focus()

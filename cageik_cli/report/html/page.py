@@ -3,6 +3,7 @@
 import hashlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +29,12 @@ from cageik_cli.report.html.pictures import (
     draw_pictures,
     load_fit_shapes,
 )
-from cageik_cli.report.html.templating import REPORT_TEMPLATES, PlayerPart, make_data_url
+from cageik_cli.report.html.templating import (
+    REPORT_TEMPLATES,
+    THIN_SPACE,
+    PlayerPart,
+    make_data_url,
+)
 from cageik_cli.report.limits import PERCENT, LimitCheck, make_overall_verdict
 from cageik_cli.report.plots.error_plot import render_page_plot
 from cageik_cli.report.record import Report
@@ -131,13 +137,13 @@ def render_page(
             for name, value in report.settings.items()
         ],
         sources=_list_sources(report),
-        length=lambda share, digits=2: format_scene_length(report.clip, share, digits),
+        length=partial(format_scene_length, report.clip, group=THIN_SPACE),
         columns=columns,
         rows=[(frame.skipped, format_cells(frame, columns)) for frame in report.frames],
         meanings=words.meanings,
         no_volume=explain_missing_volume(report.clip),
         kept=[" ".join(row) for row in describe_kept(report.kept, report.clip.vertices)],
-        size=describe_size(report.clip, report.summary.fixed_floats, group="\u00a0"),
+        size=describe_size(report.clip, report.summary.fixed_floats, group=THIN_SPACE),
     )
 
 
@@ -322,21 +328,23 @@ class Column:
     is_at_cursor: bool = False
 
 
+UNITS = partial(format_length, group=THIN_SPACE)
+
 FRAME_COLUMNS = (
     Column("number", "#", format_frame_number),
     Column("name", "Frame", kind="name"),
     Column("rms_percent", "RMS, %", format_percent, is_at_cursor=True),
-    Column("rms", "RMS, file units", format_length),
+    Column("rms", "RMS, file units", UNITS),
     Column("max_deviation_percent", "Max deviation, %", format_percent, is_at_cursor=True),
-    Column("max_deviation", "Max deviation, file units", format_length),
+    Column("max_deviation", "Max deviation, file units", UNITS),
     Column("worst_vertex", "At vertex"),
     Column("missing", "Missing", is_at_cursor=True),
     Column("rejected", "Rejected", is_at_cursor=True),
     Column("rms_kept_percent", "RMS of kept, %", format_percent),
     Column("max_deviation_kept_percent", "Max deviation of kept, %", format_percent),
     Column("volume_change", "Volume change, %", format_change, is_at_cursor=True),
-    Column("volume", "Volume", format_length),
-    Column("volume_reconstructed", "Volume reconstructed", format_length),
+    Column("volume", "Volume", UNITS),
+    Column("volume_reconstructed", "Volume reconstructed", UNITS),
     Column("volume_drift", "Drift from rest, %", format_change),
 )
 """All columns that a table of frames may have."""

@@ -3,6 +3,7 @@
 import base64
 import hashlib
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
@@ -15,7 +16,7 @@ from cageik_cli.report.figures import (
     format_metric,
     format_percent,
 )
-from cageik_cli.util.text import format_count
+from cageik_cli.util.text import format_count, group_digits
 from cageik_cli.util.version import __version__
 
 
@@ -38,13 +39,17 @@ class PlayerPart:
     script: str
 
 
+THIN_SPACE = "\u202f"
+"""Between groups of digits on a page: narrow, and no place to break a line."""
+
 FORMATS = {
     "change": format_change,
-    "count": format_count,
+    "count": partial(format_count, group=THIN_SPACE),
+    "digits": partial(group_digits, group=THIN_SPACE),
     "metric": format_metric,
     "number": format_frame_number,
     "percent": format_percent,
-    "units": format_length,
+    "units": partial(format_length, group=THIN_SPACE),
 }
 """How templates format figures."""
 

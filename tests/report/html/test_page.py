@@ -449,3 +449,12 @@ def test_weights_are_explained_by_their_kind(report, coordinates, accuracy, pane
     assert [word for word in words if word not in text] == []
     assert ("Panels" in [label for label, *_ in rows]) == bool(panels)
     assert ("accuracy=" in text) == (accuracy == "fine")
+
+
+def test_counts_and_lengths_have_thin_groups_of_digits(report):
+    clip = replace(report.clip, vertices=34159, cage_vertices=1200, diagonal=15013.2)
+    frames = (replace(report.frames[0], volume=123456.0), *report.frames[1:])
+    page = render_page(replace(report, clip=clip, frames=frames))
+    assert "of 34\u202f159 vertices in a cage of 1\u202f200 " in page
+    assert "diagonal 15\u202f013.2 " in page
+    assert ">123\u202f456</td>" in page

@@ -17,7 +17,7 @@ function makeSortable(table) {
     if (!cell || cell.hasAttribute("data-skipped")) return null;
     const text = cell.dataset.value ?? cell.textContent.trim();
     if (kind !== "number") return text;
-    const value = Number.parseFloat(text);
+    const value = Number.parseFloat(text.replace(/\s/g, "")); // digits are in groups
     return Number.isNaN(value) ? null : value;
   };
   const sort = (title) => {
