@@ -1,4 +1,7 @@
-"""Files as people bring them, kind by kind: each is read right, or a sentence says what it is."""
+"""Files as people bring them, kind by kind: each is read right, or a sentence says what it is.
+
+Parts below parts, whose files USD poses, are in `tests/run/test_nested_parts.py`.
+"""
 
 import shlex
 from pathlib import Path
@@ -10,6 +13,7 @@ from alembic3d.AbcGeom import GeometryScope
 from pxr import Usd, UsdGeom
 
 from cageik_cli.formats.open import open_sequence
+from cageik_cli.geometry.mesh import TriMesh
 from tests.clips import frames_of
 from tests.formats.gltf.built import Built
 from tests.formats.scenes import FRAMES, AlembicScene, UsdScene
@@ -17,7 +21,8 @@ from tests.formats.test_alembic_surface import make_archive, make_uvs
 from tests.formats.test_off import off
 from tests.formats.test_other_geometry import SubdividedScene
 from tests.formats.test_ply_layouts import QUAD_LISTS, make
-from tests.shapes import box
+from tests.formats.written import write
+from tests.shapes import box, finer
 
 BOX = box(1.0)
 NOTHING = np.zeros((1, 0, 3), np.float32)
@@ -296,3 +301,32 @@ def test_a_turntable_is_the_scene_between_its_keys(tmp_path, monkeypatch):
         )
         expected = FRAMES[0] @ matrix[:3, :3] + matrix[3, :3]
         np.testing.assert_allclose(found[time], expected, rtol=0, atol=1e-6)
+
+
+@pytest.mark.parametrize("suffix", [".obj", ".ply", ".usdc", ".abc"])
+def test_a_model_that_is_split_at_its_edges_does_not_crack(
+    run, tmp_path, monkeypatch, coarse_panels, suffix
+):
+    """Each face has vertices of its own, which a fit follows as those of one surface."""
+    monkeypatch.chdir(tmp_path)
+    whole = finer(BOX, 2)
+    corners = whole.faces.ravel()
+    split = TriMesh(whole.vertices[corners], np.arange(len(corners)).reshape(-1, 3))
+    x, y, z = split.vertices.T
+    frames = [split.vertices + np.stack([k * z**2, k * x, 0 * y], 1) / 30 for k in range(6)]
+    is_series = suffix in (".obj", ".ply")
+    path = Path(f"split/split_####{suffix}" if is_series else f"split{suffix}")
+    write(path, split, np.array(frames))
+    write_box(Path("cage.obj"), BOX.move(1.6 * BOX.vertices))
+    given = "split" if is_series else f"split{suffix}"
+    words = ("extract", given, "--cage", "cage.obj", "--fit", "-o", "s.h5", "-v")
+    outcome = run(*words)
+    assert outcome.code == 0, outcome.err
+    places = len(whole.vertices)
+    assert f"{len(corners)} vertices at {places} places never come apart" in outcome.err
+    assert run("deform", "s.h5", "-o", "s.npz", "-q").code == 0
+    with np.load("s.npz") as moved:
+        found = moved["vertices"]
+    for vertex in range(places):
+        copies = found[:, corners == vertex]
+        np.testing.assert_array_equal(copies, np.broadcast_to(copies[:, :1], copies.shape))
