@@ -22,7 +22,7 @@ from cageik_cli.geometry.attributes import (
 )
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.arrays import Floats, Integers
-from cageik_cli.util.errors import ConnectivityError, FormatError, join_truncated
+from cageik_cli.util.errors import MAX_NAMED, ConnectivityError, FormatError, join_truncated
 from cageik_cli.util.messages import Note, say
 from cageik_cli.util.text import format_count, group_digits, pluralize
 
@@ -55,6 +55,8 @@ class Change:
         Of these.
     span : tuple of float
         The smallest and the largest of some numbers.
+    limit : int
+        Names that are shown; the others are counted.
     """
 
     words: str
@@ -62,6 +64,7 @@ class Change:
     count: int = 0
     names: tuple[str, ...] = ()
     span: tuple[float, float] = (0, 0)
+    limit: int = MAX_NAMED
 
     def __str__(self) -> str:
         low, high = (f"{number:.3g}" for number in self.span)
@@ -69,7 +72,7 @@ class Change:
         things = format_count(self.count, self.noun) if self.noun else ""
         if self.names:
             noun = self.noun and (self.noun if len(self.names) == 1 else pluralize(self.noun))
-            things = f"{noun} {join_truncated(self.names)}".lstrip()
+            things = f"{noun} {join_truncated(self.names, self.limit)}".lstrip()
         return self.words.format(things, span=span)
 
     def __add__(self, other: "Change") -> "Change":
@@ -131,7 +134,8 @@ class FileMesh:
             try:
                 attributes = read(attributes)
             except (FormatError, ValueError) as error:
-                left_out.append(Change(f"{noun} left out ({{}})", names=(str(error),)))
+                words = f"{noun} left out ({{}})"
+                left_out.append(Change(words, names=(str(error),), limit=1))
         return replace(self, attributes=attributes, left_out=tuple(left_out))
 
     def turn_faces(self) -> "FileMesh":
