@@ -5,7 +5,7 @@ from typing import Literal, get_args
 
 from cageik_cli.util.settings import check_settings, declare_setting
 
-BUILDER_VERSION = 4
+BUILDER_VERSION = 5
 """Raised when the same model and settings give another cage, so that kept ones are not used."""
 
 MIN_VERTICES = 8

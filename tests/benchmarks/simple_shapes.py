@@ -1,13 +1,15 @@
 """How tight, quick and stable built cages of simple shapes are.
 
-    python -m tests.benchmarks.simple_shapes [table | stable] [NAME,NAME...] [COUNT,COUNT...]
+    python -m tests.benchmarks.simple_shapes [table | stable | pieces] [NAME,...] [COUNT,...]
 
 `table` prints one line per shape and number of vertices: the verdict of `check`, the volume of the
 cage over that of the shape, the smallest angle, the largest valence, the smallest of the largest
 weights of the vertices, seconds of processor, and what share of the faces of a cage with quads is
 quads, with its volume. `stable` builds a cage of each shape once more after six changes, and prints
 the largest distance between the cages, over the diagonal; and in brackets, where that is less, from
-the cage after a turn or a reflection that leaves the vertices of the shape where they are.
+the cage after a turn or a reflection that leaves the vertices of the shape where they are. `pieces`
+prints, of models in many pieces, whose shells are full of holes or tangle: the candidates that were
+tried, the shell that was taken, its smallest angle, and seconds of processor.
 """
 
 import sys
@@ -23,7 +25,7 @@ from cageik_cli.cages.settings import BuildSettings
 from cageik_cli.formats.open import load_mesh
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.method.weights.harmonic import harmonic_weights
-from tests.cages.torture import grid_faces, hand, helix, spikes, torus
+from tests.cages.torture import PIECES, grid_faces, hand, helix, spikes, torus
 from tests.shapes import ball, box, changed, concave, finer, merged
 
 
@@ -161,6 +163,19 @@ def print_row(name, model, count):
     )
 
 
+def print_pieces(names, counts):
+    """Print the lines of `pieces`."""
+    for name, count in product(names, counts):
+        model, start = PIECES[name](), process_time()
+        built = build_cage(model, BuildSettings(count))
+        print(
+            f"| {name} | {len(model.vertices)} | {count} | {len(built.candidates)} "
+            f"| {built.chosen.recipe} | {built.chosen.verdict.smallest_angle:.0f} "
+            f"| {process_time() - start:.1f} |",
+            flush=True,
+        )
+
+
 def list_changes(model):
     """The six changes: a name, the changed model, and what brings its cage back."""
     generator = np.random.default_rng(1)
@@ -220,7 +235,7 @@ def print_stability(names, counts):
 
 if __name__ == "__main__":
     what, *rest = [*sys.argv[1:], "table"][: max(1, len(sys.argv) - 1)]
-    known = SHAPES if what == "table" else SHAPES | MORE_SHAPES
+    known = {"table": SHAPES, "stable": SHAPES | MORE_SHAPES, "pieces": PIECES}[what]
     wanted = rest[0].split(",") if rest else list(known)
     sizes = [int(c) for c in rest[1].split(",")] if len(rest) > 1 else [30, 60, 100]
-    (print_table if what == "table" else print_stability)(wanted, sizes)
+    {"table": print_table, "stable": print_stability, "pieces": print_pieces}[what](wanted, sizes)

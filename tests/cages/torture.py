@@ -151,6 +151,61 @@ SLOW = {
 }
 
 
+def split_corners(mesh, size=0.0, seed=0):
+    """The triangles of a mesh, each with corners of its own, moved by `size` as a whole."""
+    shifts = size * np.random.default_rng(seed).normal(size=(len(mesh.faces), 1, 3))
+    corners = (mesh.vertices[mesh.faces] + shifts).reshape(-1, 3)
+    return TriMesh(corners, np.arange(len(corners)).reshape(-1, 3))
+
+
+def scattered_boxes(count, seed=0):
+    """Boxes that stand apart, on a grid of places that are moved a little."""
+    generator = np.random.default_rng(seed)
+    places = 2.4 * np.stack([np.arange(count) % 5, np.arange(count) // 5, np.zeros(count)], axis=1)
+    places += generator.uniform(0, 0.6, places.shape)
+    return merged(*(moved(box(), place) for place in places))
+
+
+def triangle_grid(count):
+    """Triangles in a plane that do not touch."""
+    places = np.stack(np.meshgrid(np.arange(count), np.arange(count), [0]), axis=-1).reshape(-1, 3)
+    corner = np.array([[0, 0, 0], [0.5, 0, 0], [0, 0.5, 0]])
+    points = (places[:, None] + corner).reshape(-1, 3)
+    return TriMesh(points, np.arange(len(points)).reshape(-1, 3))
+
+
+def row_on_box(count):
+    """A long box with a row of triangles that stand on it."""
+    base = changed(box(), vertices=box().vertices * [10, 1, 1])
+    places = np.linspace(-4.5, 4.5, count)[:, None, None] * [1, 0, 0]
+    corner = np.array([[-0.2, 0, 0.5], [0.2, 0, 0.5], [0, 0, 1.1]])
+    points = (places + corner).reshape(-1, 3)
+    return merged(base, TriMesh(points, np.arange(len(points)).reshape(-1, 3)))
+
+
+PIECES = {
+    "10 boxes": lambda: scattered_boxes(10),
+    "20 boxes": lambda: scattered_boxes(20),
+    "10 boxes of 36 vertices": lambda: split_corners(scattered_boxes(10)),
+    "cube of 36 vertices": lambda: split_corners(box()),
+    "cube of 12 triangles apart": lambda: split_corners(box(), 0.05),
+    "balls of triangles apart": lambda: split_corners(
+        merged(ball(0), moved(ball(0), (1.5, 0, 0))), 0.05
+    ),
+    "soup of 72 triangles": lambda: soup(72, 0.2),
+    "soup of 72 small triangles": lambda: soup(72, 0.05, 1),
+    "octahedra of triangles": lambda: split_corners(
+        merged(*(moved(octahedron(), (1.5 * (k % 3), 1.5 * (k // 3), 0)) for k in range(9)))
+    ),
+    "64 triangles": lambda: triangle_grid(8),
+    "triangles on a box": lambda: row_on_box(10),
+    "three sheets that cross": lambda: merged(
+        *(moved(sheet(6, 6), (-0.5, -0.5, 0.01 * k), turn=k) for k in (5, 6, 7))
+    ),
+}
+"""Models in many pieces, of which shells are full of holes or tangle."""
+
+
 def fine_ball():
     """A sphere of 200 000 vertices."""
     across, along = 500, 400

@@ -39,6 +39,11 @@ FINE_GRID, COARSE_GRID = (0.007, 0.04), (0.014, 0.13)
 """Cells of the grids, and how far their distances are exact, in diagonals: as far as the offset and
 the closing of the shells that are made on them, and some cells."""
 
+MIN_LOOSER_REACH, MAX_EXTRA_HOLES = 1.4, 2
+"""After a shell that tangled, or gave no sound cage and has more holes beside the model's own, the
+next one is tried if the sum of its offset and its closing is so many times as large: what is nearly
+as tight fails, too. Soups of triangles and cracked boxes fail so, four or five shells in a row."""
+
 MAX_SHIFTED = 2
 """The best candidates whose vertices are shifted to where they miss an animation."""
 
@@ -288,23 +293,29 @@ class _Builder:
 
     def _try_shells(self, rungs: range, progress: Callable[[int], None]) -> None:
         """Try rungs of the ladder until no other can be better, or two cages are valid."""
+        least = 0.0
         for step in rungs:
             offset, closing = SHELL_CANDIDATES[step]
             is_tightest = self._clip is None and any(c.cost <= offset for c in self._valid)
             if is_tightest or len(self._valid) == 2:
                 break
-            self._try_shell(offset, closing)
+            is_tried = offset + closing >= least
+            is_too_tight = is_tried and self._try_shell(offset, closing)
+            least = MIN_LOOSER_REACH * (offset + closing) if is_too_tight else 0.0
             progress(step + 1)
 
-    def _try_shell(self, offset: float, closing: float) -> None:
-        """Try a cage made of a shell, if the grid carries it; a motion keeps vertices it needs."""
+    def _try_shell(self, offset: float, closing: float) -> bool:
+        """Try a cage made of a shell, if the grid carries it; a motion keeps vertices it needs.
+
+        Returned is whether shells that are nearly as tight need not be tried.
+        """
         # A shell on the coarse grid is further away than a cell, so that the grid resolves it.
         cell, reach = COARSE_GRID if offset > COARSE_GRID[0] else FINE_GRID
         if cell not in self._grids:
             self._grids[cell] = DistanceGrid(self._demand.surface, cell, reach)
         shell = make_shell(self._grids[cell], offset, closing)
         if shell is None:
-            return
+            return False
         cage, loops = refine_shell(
             shell.surface, self._demand, self._motion, has_loops=self._has_loops
         )
@@ -328,6 +339,8 @@ class _Builder:
         holes = max(0, candidate.verdict.genus - self._demand.holes)
         joined = joins_parts(shell, self._demand.is_closed) * holes
         self._add(candidate, loops=loops, joined_holes=joined)
+        tangled = len(cage.vertices) > self._demand.most
+        return tangled or (not candidate.verdict.is_valid and holes > MAX_EXTRA_HOLES)
 
     def _try_ellipsoids(self) -> None:
         """Try loose cages: an ellipsoid drawn in, and where that fails, as it is."""

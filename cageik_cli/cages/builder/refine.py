@@ -33,6 +33,10 @@ MAX_RELAXED_PUSHES = 5
 MAX_CROSSING_PAIRS = 60
 """Pairs of faces that cross, above which a cage is not worth untangling."""
 
+MAX_TANGLED_PAIRS = 24
+"""Pairs of faces that cross after a stage, above which a shell is given up: of shells whose cages
+became sound, none had more than 12."""
+
 MIN_SAFE_WEIGHT = 0.08
 """Vertices with smaller weights everywhere are weak; it is safely above `MIN_INFLUENCE`."""
 
@@ -43,7 +47,10 @@ MAX_OPPOSITE_COSINE = -0.99
 def refine_shell(
     shell: TriMesh, demand: Demand, motion: Motion | None, *, has_loops: bool = False
 ) -> tuple[TriMesh, Loops]:
-    """Make a cage of a shell, with its loops; the judge decides whether it is valid."""
+    """Make a cage of a shell, with its loops; the judge decides whether it is valid.
+
+    A shell that tangles is given up, and left with more vertices than are asked for.
+    """
     stages = list_stages(demand.most)
     # A fine shell hardly tangles: down to this number of vertices, collapses need no test.
     cage, evenness = simplify_shell(shell, max(1200, 2 * stages[0]))
@@ -56,9 +63,11 @@ def refine_shell(
         cage = collapse_edges(
             cage, count, motion, evenness, fixed=loops.vertex_count, axis=demand.axis
         )
-        cage = _push_and_relax(cage, demand)
+        cage, crossings = _push_and_relax(cage, demand)
+        if crossings > MAX_TANGLED_PAIRS:
+            break
     # What crosses now is not disentangled by any edit that follows.
-    if len(cage.vertices) > demand.most or len(self_intersections(cage)):
+    if len(cage.vertices) > demand.most or crossings:
         return cage, loops
     cage, samples = complete_clearance(cage, demand, demand.samples, rounds=1)
     draft = make_draft(cage, demand, samples, loops)
@@ -71,15 +80,15 @@ def refine_shell(
     return complete_clearance(draft.to_mesh(), demand, samples)[0], loops
 
 
-def _push_and_relax(cage: TriMesh, demand: Demand) -> TriMesh:
+def _push_and_relax(cage: TriMesh, demand: Demand) -> tuple[TriMesh, int]:
     """Push, and relax what then crosses, in turn, until nothing crosses or the rounds are over.
 
-    A cage with more than `MAX_CROSSING_PAIRS` of crossing faces is not worth it.
+    A cage with more than `MAX_CROSSING_PAIRS` of crossing faces is not worth it. Returned is how
+    many are left, too.
     """
     cage = push_off(cage, demand.samples, demand)
-    before = MAX_CROSSING_PAIRS + 1
+    pairs, before = self_intersections(cage), MAX_CROSSING_PAIRS + 1
     for _ in range(MAX_RELAXED_PUSHES):
-        pairs = self_intersections(cage)
         if len(pairs) == 0 or len(pairs) >= before:
             break
         before = len(pairs)
@@ -87,7 +96,8 @@ def _push_and_relax(cage: TriMesh, demand: Demand) -> TriMesh:
         if demand.axis is not None:
             relaxed = average_sides(relaxed, cage, demand.axis)
         cage = push_off(relaxed, demand.samples, demand)
-    return cage
+        pairs = self_intersections(cage)
+    return cage, len(pairs)
 
 
 def push_off(cage: TriMesh, samples: Floats, demand: Demand) -> TriMesh:

@@ -12,9 +12,9 @@ from cageik_cli.cages.builder.shell import Shell
 from cageik_cli.cages.check.diagnosis import diagnose
 from cageik_cli.cages.settings import BuildSettings
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.util.errors import FormatError
+from cageik_cli.util.errors import FormatError, NumericalError
 from tests.cages.independent import examine
-from tests.cages.torture import FAST, SLOW, torus
+from tests.cages.torture import FAST, PIECES, SLOW, torus
 from tests.shapes import ball, box, changed, concave, finer, merged, moved
 from tests.texts import texts
 
@@ -46,6 +46,55 @@ def test_a_hard_model_gets_a_cage(name):
     model = SLOW[name]()
     built = build_cage(model, BuildSettings(vertices=100))
     assert_good(built.cage, model, 100)
+
+
+MOST_CANDIDATES = {"20 boxes": 8, "soup of 72 small triangles": 8}
+"""Of models in pieces whose shells fail by few faces; of the others, no more than 6 are tried."""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", PIECES)
+def test_a_model_in_pieces_gets_a_cage_of_few_candidates(name):
+    model = PIECES[name]()
+    built = build_cage(model, BuildSettings(vertices=100))
+    assert_good(built.cage, model, 100)
+    assert len(built.candidates) <= MOST_CANDIDATES.get(name, 6)
+    assert np.isfinite(built.chosen.offset)
+
+
+def try_all_shells(monkeypatch, *, count, genus=0):
+    """The places in the ladder of the shells that are tried, of cages that are never sound."""
+    tried, none = [], np.empty((0, 3))
+
+    def make_shell(_, offset, closing):
+        tried.append(SHELL_CANDIDATES.index((offset, closing)))
+        return Shell(ball(1), none, none, none)
+
+    verdict = Verdict(("crosses itself",), genus, 0.0, 20.0, 6, 0.01)
+    patched = {
+        "make_shell": make_shell,
+        "refine_shell": lambda *_, **__: (ball(1), NO_LOOPS),
+        "wrap_ellipsoid": lambda *_: ball(1),
+        "judge": lambda *_: verdict,
+    }
+    for name, function in patched.items():
+        monkeypatch.setattr(build_module, name, function)
+    monkeypatch.setattr(build_module, "DistanceGrid", lambda *_: None)
+    with pytest.raises(NumericalError, match="no cage passes the tests"):
+        build_cage(box(), BuildSettings(vertices=count))
+    return tried
+
+
+@pytest.mark.parametrize("wrong", [{"count": 16}, {"count": 18, "genus": 3}])
+def test_shells_that_are_hardly_looser_than_one_that_tangled_or_has_holes_are_not_tried(
+    monkeypatch, wrong
+):
+    assert try_all_shells(monkeypatch, **wrong) == [0, 2, 4, 5, 6, 7]
+
+
+@pytest.mark.parametrize("genus", [0, 2])
+def test_all_shells_are_tried_if_few_faces_cross_and_there_are_few_holes(monkeypatch, genus):
+    assert try_all_shells(monkeypatch, count=18, genus=genus) == list(range(8))
 
 
 @pytest.mark.slow
