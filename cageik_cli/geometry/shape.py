@@ -216,8 +216,18 @@ def compute_area_vectors(attributes: SurfaceAttributes, positions: Floats) -> Fl
     """Compute twice the area vector of each polygon, (p, 3), by Newell's formula."""
     counts, starts, corners = attributes.corner_counts, attributes.starts, attributes.corners
     if (counts == 3).all():  # the same to the bit, in a fifth of the time
-        first, second, third = (positions[corners[k::3]] for k in range(3))
-        return cross(second - first, third - first)
+        # Axis by axis: rows of three numbers take three times as long to read and to multiply.
+        a, b, c = (corners[k::3] for k in range(3))
+        along = [np.ascontiguousarray(positions[:, axis]) for axis in range(3)]
+        start = [axis.take(a) for axis in along]
+        one, other = (
+            [axis.take(ends) - here for axis, here in zip(along, start, strict=True)]
+            for ends in (b, c)
+        )
+        columns = [
+            one[k] * other[last] - one[last] * other[k] for k, last in zip(NEXT, LAST, strict=True)
+        ]
+        return np.stack(columns, axis=1)
     # From its first corner, so that a model far from the origin loses no digits.
     points = positions[corners] - np.repeat(positions[corners[starts]], counts, axis=0)
     return np.asarray(np.add.reduceat(np.cross(points, points[find_next_corners(counts)]), starts))
@@ -249,12 +259,15 @@ def find_next_corners(counts: Integers) -> Integers:
 
 def _size(vectors: Floats) -> Floats:
     """Return the sums of absolute entries, (n, 1): squares of tiny ones vanish."""
-    return np.asarray(np.abs(vectors).sum(axis=1, keepdims=True))
+    x, y, z = np.abs(vectors).T
+    return np.asarray((x + y + z)[:, None])
 
 
 def _normalize(vectors: Floats) -> Floats:
-    largest = np.abs(vectors).max(axis=1, initial=0, keepdims=True)  # squares of tiny ones vanish
+    x, y, z = np.abs(vectors).T
+    largest = np.maximum(np.maximum(x, y), z)[:, None]  # squares of tiny ones vanish
     scaled = np.divide(vectors, largest, out=np.zeros_like(vectors), where=largest > 0)
-    lengths = np.linalg.norm(scaled, axis=1, keepdims=True)
+    x, y, z = np.square(scaled).T
+    lengths = np.sqrt(x + y + z)[:, None]
     fallback = np.broadcast_to(FALLBACK_NORMAL, vectors.shape)
     return np.asarray(np.divide(scaled, lengths, out=fallback.copy(), where=lengths > 0))

@@ -35,7 +35,7 @@ MAX_CROSSING_PAIRS = 60
 
 MAX_TANGLED_PAIRS = 24
 """Pairs of faces that cross after a stage, above which a shell is given up: of shells whose cages
-became sound, none had more than 12."""
+became sound, none had more than 8."""
 
 MIN_SAFE_WEIGHT = 0.08
 """Vertices with smaller weights everywhere are weak; it is safely above `MIN_INFLUENCE`."""
