@@ -258,15 +258,27 @@ class Displacements:
         Their frames are sums of frames; no single frame can be measured on them. Row weights are
         those of the vertices in the fit, (m,).
         """
+        basis = self.find_basis(COMPRESSION_TOL, row_weights)
+        return self if basis is None else self.project(basis)
+
+    def find_basis(self, tolerance: float, row_weights: Floats | None = None) -> Floats | None:
+        """Return an orthonormal basis V of few columns, (3k, 3c), so that D V Vᵀ is nearly D.
+
+        What it leaves out is at most `tolerance`, relative to D, as root mean squares. None where
+        the columns are more than 0.8 of those of D, which would hardly be faster.
+        """
         values, vectors = np.linalg.eigh(self.multiply_by_transpose(row_weights))
-        left_out = np.cumsum(np.maximum(values, 0)) <= COMPRESSION_TOL**2 * values.sum()
+        left_out = np.cumsum(np.maximum(values, 0)) <= tolerance**2 * values.sum()
         count = -(-int(np.count_nonzero(~left_out)) // 3)
-        if not 0 < count <= 0.8 * len(self):  # else it would not be faster
-            return self
-        kept = vectors[:, ::-1][:, : 3 * count]
-        width = 3 * FRAMES_PER_PART
-        starts = range(0, kept.shape[1], width)
-        parts = [self.multiply(kept[:, s : s + width]) for s in starts]
+        if not 0 < count <= 0.8 * len(self):
+            return None
+        return np.asarray(vectors[:, ::-1][:, : 3 * count])
+
+    def project(self, basis: Floats) -> "Displacements":
+        """Return D times a basis, (3k, 3c), as displacements of c frames, of equal shares."""
+        width, count = 3 * FRAMES_PER_PART, basis.shape[1] // 3
+        starts = range(0, basis.shape[1], width)
+        parts = [self.multiply(basis[:, s : s + width]) for s in starts]
         parts = [part.astype(self.parts[0].dtype, copy=False) for part in parts]
         return Displacements(tuple(parts), np.arange(count), np.full(count, self.weight / count))
 

@@ -83,11 +83,14 @@ class JointPoses(Poses):
     meshes : (k, m, 3) float64
     turns : (k, n, 3, 3) float64, optional
         R_j of each joint, in the same sense; joints that only translate have none.
+    normals : (k, m, 3) float64, optional
+        Those of the frames that joints which turn follow, as of `compute_vertex_normals`.
     """
 
     rotations: Floats
     meshes: Floats
     turns: Floats | None = None
+    normals: Floats | None = None
 
 
 class JointSolver:
@@ -126,7 +129,8 @@ class JointSolver:
     def solve(self, frames: Floats) -> JointPoses:
         """Return the joints of frames (k, m, 3)."""
         columns, centres, rotations = self.solver.align(frames)
-        right = self.multiply(columns, self.change_normals(columns))
+        normals = self._compute_normals(columns)
+        right = self.multiply(columns, self._scale_normals(normals))
         changes = self.sweep(right, self.start(right), SWEEPS)
         n, count = len(self._joints), len(frames)
         parts = changes.reshape(n, 4, count, 3)
@@ -139,26 +143,33 @@ class JointSolver:
             turns=turns @ whole,
             rotations=rotations,
             meshes=meshes @ rotations + shift,
+            normals=normals @ rotations,
         )
 
     def change_normals(self, columns: Floats) -> Floats:
         """Return how displacements (m, 3k) change the normals of length ℓ, as (m, 3k)."""
-        polygons = self.solver.binding.rest.polygons
-        frames = self.solver.rest + columns_to_frames(columns)
-        found = np.stack([compute_vertex_normals(polygons, frame) for frame in frames])
-        return frames_to_columns(NORMAL_LENGTH * found - self._rest_normals)
+        return self._scale_normals(self._compute_normals(columns))
 
     def multiply(self, columns: Floats, normals: Floats) -> Floats:
         """Return the right-hand sides, (4n, 3k), of displacements and changes of normals."""
-        right = np.zeros((len(self._joints), 4, columns.shape[1]))
-        shares = self.solver.data_scale * self.solver.vertex_weights[:, None]
+        return self.multiply_moves(columns) + self.multiply_normals(normals)
+
+    def multiply_moves(self, columns: Floats) -> Floats:
+        """Return what displacements, (m, b), add to right-hand sides, (4n, b)."""
+        right = np.empty((len(self._joints), 4, columns.shape[1]))
+        shares = self.solver.data_scale * self.solver.vertex_weights[:, None] / self._diagonal
         for axis in range(4):
-            weighed = (shares * self.points[:, axis, None] / self._diagonal) * columns
-            right[:, axis] = self._weights.T @ weighed
-        for axis in range(3):
-            right[:, axis] += self._weights.T @ (shares * self.normals[:, axis, None] * normals)
+            right[:, axis] = self._weights.T @ (shares * self.points[:, axis, None] * columns)
         right[:, :3] -= self._joints[:, :, None] * right[:, 3:]
         return right.reshape(-1, columns.shape[1])
+
+    def multiply_normals(self, normals: Floats) -> Floats:
+        """Return what changes of normals, (m, b), add to right-hand sides, (4n, b)."""
+        right = np.zeros((len(self._joints), 4, normals.shape[1]))
+        shares = self.solver.data_scale * self.solver.vertex_weights[:, None]
+        for axis in range(3):
+            right[:, axis] = self._weights.T @ (shares * self.normals[:, axis, None] * normals)
+        return right.reshape(-1, normals.shape[1])
 
     def start(self, right: Floats) -> Floats:
         """Return changes that are near to the best ones for right-hand sides, (4n, 3k)."""
@@ -192,6 +203,16 @@ class JointSolver:
             along = self._weights @ np.ascontiguousarray(lifted[:, axis])
             skinned += self.points[:, axis, None] * along
         return skinned
+
+    def _compute_normals(self, columns: Floats) -> Floats:
+        """Return the normals, (k, m, 3), of frames with displacements (m, 3k)."""
+        polygons = self.solver.binding.rest.polygons
+        frames = self.solver.rest + columns_to_frames(columns)
+        return np.stack([compute_vertex_normals(polygons, frame) for frame in frames])
+
+    def _scale_normals(self, normals: Floats) -> Floats:
+        """Return how normals, (k, m, 3), differ from those at rest, with length ℓ, (m, 3k)."""
+        return frames_to_columns(NORMAL_LENGTH * normals - self._rest_normals)
 
     def _make_matrix(self, cage: TriMesh, smoothness: float) -> Floats:
         """Return the matrix of the rotations and the places, joint by joint, (4n, 4n)."""
@@ -285,10 +306,10 @@ def multiply_weights(weights: Any, scales: Floats) -> Floats:
     return found
 
 
-def turn_normals(normals: Floats, weights: Floats, turns: Floats) -> Floats:
+def turn_normals(normals: Floats, weights: Any, turns: Floats) -> Floats:
     """Return normals (m, 3) as skins of weights (m, n) turn them by (k, n, 3, 3); of length 1.
 
-    They are (k, m, 3).
+    They are (k, m, 3). The weights may be sparse.
     """
     count, n = turns.shape[:2]
     found = np.zeros((len(normals), 3 * count))
@@ -307,16 +328,20 @@ class NormalAngles:
     """
 
     def __init__(self, rest: TriMesh, weights: Floats) -> None:
-        self._rest, self._weights = rest, weights
+        self._rest, self._weights = rest, compact_weights(weights)
         self._normals = compute_vertex_normals(rest.polygons, rest.vertices)
         self._counts = np.zeros(180 * ANGLES_PER_DEGREE + 1, np.int64)
         self._squares = 0.0
 
-    def add(self, turns: Floats, meshes: Floats) -> None:
-        """Add the angles of frames, (k, m, 3), whose joints turn by (k, n, 3, 3)."""
+    def add(self, turns: Floats, meshes: Floats, normals: Floats | None = None) -> None:
+        """Add the angles of frames, (k, m, 3), whose joints turn by (k, n, 3, 3).
+
+        `normals` are theirs, (k, m, 3), where they are known already.
+        """
+        if normals is None:
+            normals = np.stack([compute_vertex_normals(self._rest.polygons, one) for one in meshes])
         found = turn_normals(self._normals, self._weights, turns)
-        for mesh, shaded in zip(meshes, found, strict=True):
-            expected = compute_vertex_normals(self._rest.polygons, mesh)
+        for expected, shaded in zip(normals, found, strict=True):
             is_known = self._normals.any(axis=1) & expected.any(axis=1)
             cosines = np.einsum("mx,mx->m", shaded, expected)[is_known]
             angles = np.degrees(np.arccos(cosines.clip(-1, 1)))

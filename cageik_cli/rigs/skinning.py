@@ -14,7 +14,8 @@ alone come nearest. If more than K of them have a weight at the minimum, the one
 costs least, until K are left.
 """
 
-from dataclasses import replace
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -40,6 +41,11 @@ SWEEPS_PER_ROUND = 3
 
 TRIED_JOINTS = 6
 """Joints that a vertex may have beside its own, in each round."""
+
+MOVES_TOL, NORMALS_TOL = 1e-5, 1e-3
+"""What fewer columns leave out of displacements and of changes of normals, relative to these, as
+root mean squares. A rig has fewer motions than frames; then each round takes a fraction of the
+time. The error of a skin is 1e-3 of the displacements and more; normals are degrees off."""
 
 MIN_ROUGHNESS = 1e-6
 """Weights that are less rough differ by rounding."""
@@ -79,7 +85,9 @@ def limit_influences(
     """
     problem, cage_solve = alternator.problem, alternator.cage_solve
     if joints is None:
-        held = alternator.fit_influences(target, cage_solve.binding.weights, count)
+        # For joints that turn, these are the weights to begin with: fewer columns are enough.
+        moves = target.compress(problem.vertex_weights) if turns else target
+        held = alternator.fit_influences(moves, cage_solve.binding.weights, count)
         if not turns:
             return held
     else:
@@ -122,18 +130,54 @@ def fit_turning(
     n = problem.rest_weights.shape[1]
     problem = replace(problem, regularization=REGULARIZATION)
     roots = np.repeat(np.sqrt(target.shares[target.frames]), 3)
+    moves = FewColumns.of(target, MOVES_TOL)
     normals = changes = None
     for _ in range(rounds):
         joints = JointSolver(cage_solve.prepare(form.to_dense(n)))
         if normals is None:
-            normals = find_normals(joints, target)
-        pairs = zip(target.blocks(), normals.blocks(), strict=True)
-        right = np.hstack([joints.multiply(*pair) for pair in pairs]) / roots
+            normals = FewColumns.of(find_normals(joints, target), NORMALS_TOL)
+        right = moves.multiply_left(joints.multiply_moves)
+        right = (right + normals.multiply_left(joints.multiply_normals)) / roots
         held = joints.start(right) if changes is None else changes
         changes = joints.sweep(right, held, SWEEPS_PER_ROUND)
-        system = SkinSystem(joints, target, normals, changes * roots)
+        system = SkinSystem(joints, moves, normals, changes * roots)
         form = refit_skin(problem, form, system)
     return form.to_dense(n)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FewColumns:
+    """Displacements, or changes of normals, D (m, 3k), as D V of fewer columns times Vᵀ.
+
+    Attributes
+    ----------
+    columns : Displacements
+        D V, or D.
+    basis : (3k, b) float64, optional
+        V; the identity if absent.
+    weight : float
+        How many frames of the clips those of D stand for.
+    """
+
+    columns: Displacements
+    basis: Floats | None
+    weight: float
+
+    @staticmethod
+    def of(target: Displacements, tolerance: float) -> "FewColumns":
+        """Return D with as few columns as a tolerance allows, or all where that is hardly less."""
+        basis = target.find_basis(tolerance)
+        columns = target if basis is None else target.project(basis)
+        return FewColumns(columns, basis, target.weight)
+
+    def multiply_left(self, multiply: Callable[[Floats], Floats]) -> Floats:
+        """Return a linear image of D's columns, (a, 3k), which `multiply` returns of blocks."""
+        found = np.hstack([multiply(block) for block in self.columns.blocks()])
+        return found if self.basis is None else found @ self.basis.T
+
+    def reduce(self, rows: Floats) -> Floats:
+        """Return rows (a, 3k) in the basis, so that D times their transpose is of few columns."""
+        return rows if self.basis is None else rows @ self.basis
 
 
 def find_normals(joints: JointSolver, target: Displacements) -> Displacements:
@@ -153,7 +197,7 @@ class SkinSystem:
 
     Parameters
     ----------
-    target, normals : Displacements
+    moves, normals : FewColumns
         How vertices and their normals change, of lengths as of `JointSolver.change_normals`.
     changes : (4n, 3k) float64
         Of the joints, scaled as the frames of the target are.
@@ -166,23 +210,26 @@ class SkinSystem:
     """
 
     def __init__(
-        self, joints: JointSolver, target: Displacements, normals: Displacements, changes: Floats
+        self, joints: JointSolver, moves: FewColumns, normals: FewColumns, changes: Floats
     ) -> None:
-        self._lifted = joints.lift(changes)
+        lifted = joints.lift(changes)
         diagonal = joints.solver.binding.rest.diagonal
-        self._terms = ((joints.points / diagonal, target), (joints.normals, normals))
+        self._terms = tuple(
+            (features, part.columns, part.reduce(lifted).T)
+            for features, part in ((joints.points / diagonal, moves), (joints.normals, normals))
+        )
         self._points, self._normals = joints.points, joints.normals
         n = len(changes) // 4
-        self._products = (self._lifted @ self._lifted.T).reshape(n, 4, n, 4)
-        moves = changes.reshape(n, 4, -1)[:, 3]
-        rounded = 3 * target.weight * ROUNDING_TOL**2
-        self.scale = max(float(np.square(moves).sum()) / n, rounded)
+        self._products = (lifted @ lifted.T).reshape(n, 4, n, 4)
+        shifts = changes.reshape(n, 4, -1)[:, 3]
+        rounded = 3 * moves.weight * ROUNDING_TOL**2
+        self.scale = max(float(np.square(shifts).sum()) / n, rounded)
 
     def multiply(self, rows: slice) -> Floats:
         """Return Σ d u_j of some vertices for all joints, (p, n)."""
         found = np.zeros((len(self._points[rows]), len(self._products)))
-        for features, target in self._terms:
-            along = (target.read_rows(rows) @ self._lifted.T).reshape(*found.shape, 4)
+        for features, columns, lifted in self._terms:
+            along = (columns.read_rows(rows) @ lifted).reshape(*found.shape, 4)
             found += np.einsum("pja,pa->pj", along, features[rows])
         return found
 

@@ -403,13 +403,13 @@ def _measure_rig(
         posed = pose(block)
         rotations.append(posed.rotations)
         if joints is not None:
-            joints.append(replace(posed, meshes=np.empty((0, 0, 3))))
+            joints.append(replace(posed, meshes=np.empty((0, 0, 3)), normals=None))
             joints = joints if _count_bytes(joints) <= MAX_HELD_BYTES else None
         distances = np.square(posed.meshes - block.meshes)[:, rest.used_vertices].sum(axis=2)
         squares += float(distances.sum())
         largest = max(largest, float(distances.max()))
         if normals is not None and posed.turns is not None:
-            normals.add(posed.turns, block.meshes)
+            normals.add(posed.turns, block.meshes, posed.normals)
     count = target.cages.count * len(rest.used_vertices)
     percent = 100 / rest.diagonal
     return Rig(

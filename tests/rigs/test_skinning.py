@@ -16,6 +16,7 @@ from cageik_cli.rigs import skinning
 from cageik_cli.rigs.joints import NORMAL_LENGTH, SWEEPS, JointSolver
 from cageik_cli.rigs.merging import merge_joints
 from cageik_cli.rigs.skinning import (
+    FewColumns,
     SkinSystem,
     compare_roughness,
     find_normals,
@@ -70,7 +71,9 @@ def test_the_system_is_that_of_all_frames():
     shares, joints = np.arange(1.0, 13), prepare(FEW)
     target = Displacements.join(np.split(displacements(), 12, axis=1), shares)
     changes = solve_changes(joints, displacements()) * np.repeat(np.sqrt(shares), 3)
-    system = SkinSystem(joints, target, find_normals(joints, target), changes)
+    normals = find_normals(joints, target)
+    whole = [FewColumns(part, None, target.weight) for part in (target, normals)]
+    system = SkinSystem(joints, *whole, changes)
     products, right, scale = expect_system(shares)
     rows, places = slice(5, 40), FEW.places[5:40]
     expected = products[np.arange(5, 40)[:, None, None], places[:, :, None], places[:, None]]
@@ -209,7 +212,9 @@ def test_joints_that_a_vertex_did_not_have_are_found():
     form = Influences.from_dense(weights, 2)
     joints, columns = prepare(form), displacements(frames)
     target, changes = Displacements.of(columns), solve_changes(joints, columns)
-    system = SkinSystem(joints, target, find_normals(joints, target), changes)
+    normals = find_normals(joints, target)
+    whole = [FewColumns(part, None, target.weight) for part in (target, normals)]
+    system = SkinSystem(joints, *whole, changes)
     wrong = form.places.copy()
     wrong[::3, 0] = (wrong[::3, 1] + 5) % 18
     start = Influences(np.sort(wrong, axis=1), np.full(wrong.shape, 0.5))
