@@ -5,7 +5,12 @@ from typing import Any
 import click
 
 from cageik_cli.cli.command import GroupedCommand, get_verbosity
-from cageik_cli.cli.options import check_morph_usage, common_options, output_options
+from cageik_cli.cli.options import (
+    CACHE_OPTIONS,
+    check_morph_usage,
+    common_options,
+    output_options,
+)
 from cageik_cli.cli.options.group import PATH_TYPE, OptionGroup, list_options
 from cageik_cli.formats.settings import MorphSettings
 from cageik_cli.run.settings import ExportSettings
@@ -34,6 +39,7 @@ def make_export_settings(**values: Any) -> ExportSettings:
             click.argument("path", metavar="OUT", type=PATH_TYPE),
             *output_options,
         ),
+        cache=CACHE_OPTIONS,
     ),
 )
 @common_options
@@ -52,4 +58,5 @@ def export_command(settings: ExportSettings, quiet: bool) -> None:
     with show_progress(not quiet, None, False) as progress:
         summary = export(settings, progress)
     if not quiet:
-        click.echo(format_command_output(summary.message, progress.notes, export_command), err=True)
+        rows = progress.make_rows() if get_verbosity() else progress.notes
+        click.echo(format_command_output(summary.message, rows, export_command), err=True)

@@ -6,6 +6,8 @@ folder below. What is found is the input if its digest is the recorded one, and 
 result are as far from a few of its frames as is recorded.
 """
 
+import hashlib
+import json
 from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
@@ -68,6 +70,13 @@ class InputFrames(Reconstruction):
     def read_frame(self, index: int) -> Floats:
         """Return the mesh (m, 3) of a frame that fills no gap."""
         return self._read(int(self.cages.known[index]))
+
+    def hash_frames(self) -> str:
+        """Return a digest of the clip, of the frames and vertices of it, and of the cages."""
+        chosen = [] if self._vertices is None else self._vertices.tolist()
+        source = self._clip.describe_source()["sha256"]
+        values = [super().hash_frames(), source, self._places, chosen]
+        return hashlib.sha256(json.dumps(values).encode()).hexdigest()
 
     def _read(self, frame: int) -> Floats:
         mesh = self._clip.read_frame(self._places[frame])

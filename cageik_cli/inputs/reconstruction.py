@@ -1,5 +1,6 @@
 """The cages of an animation, and the animation that they give: of a mesh, points or splats."""
 
+import hashlib
 from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import closing
@@ -120,6 +121,15 @@ class Reconstruction:
         frame = int(self.cages.known[index])
         poses = self.cages.make_poses(frame, self.cages.read(frame)[None])
         return np.asarray(self._rebuild(poses).meshes[0])
+
+    def hash_frames(self) -> str:
+        """Return a digest of the cages of all frames, and of what turns with them."""
+        digest = hashlib.sha256(np.asarray(self.cages.known, np.int64).tobytes())
+        for poses in self.cages.poses(FRAMES_PER_PRODUCT):
+            digest.update(np.ascontiguousarray(poses.cages, np.float64).tobytes())
+            if poses.rotations is not None:
+                digest.update(np.ascontiguousarray(poses.rotations, np.float64).tobytes())
+        return digest.hexdigest()
 
     def blocks(self, size: int) -> Iterator[JointPoses]:
         """Yield all frames in order, in blocks of at most `size`; cage vertices are the joints.

@@ -261,6 +261,7 @@ class _Deformation:
             compares=settings.compares,
             memory=settings.memory,
             jobs=settings.jobs,
+            cache=settings.cache,
         )
         return (block.meshes for block in rig.blocks())
 

@@ -161,6 +161,7 @@ def _write_skeleton(
         compares=settings.compares,
         input_rms=measure_input_rms(result),
         jobs=jobs,
+        cache=settings.cache,
     )
     animation = replace(animation, rest=rig.cage)
     skin, places = rig.stream(turns=settings.joints != "translate")

@@ -1,9 +1,11 @@
 """A mesh that follows an animation by skin weights: its own, or few that are fitted again."""
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
+from functools import cache as keep_result
 from functools import partial
 from itertools import chain, tee
+from pathlib import Path
 
 import numpy as np
 
@@ -30,9 +32,10 @@ from cageik_cli.method.weights.binding import (
 from cageik_cli.rigs.joints import JointPoses, JointSolver, NormalAngles
 from cageik_cli.rigs.merging import MIN_JOINTS, MIN_JOINTS_PER_LIMB
 from cageik_cli.rigs.skinning import compare_roughness, group_joints, limit_influences
+from cageik_cli.store.cache import Entry, EntryCache, compute_rig_key, find_rig
 from cageik_cli.store.result import Result, StoredAnimation
-from cageik_cli.util.arrays import Floats, spread_evenly
-from cageik_cli.util.errors import FormatError, SettingError, error_context
+from cageik_cli.util.arrays import Floats, Integers, spread_evenly
+from cageik_cli.util.errors import FileAccessError, FormatError, SettingError, error_context
 from cageik_cli.util.messages import Hint
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.util.settings import DEFAULT_MEMORY
@@ -41,6 +44,9 @@ from cageik_cli.util.threads import limit_blas_threads
 
 Pose = Callable[[JointPoses], JointPoses]
 """Poses the joints of a skin for some frames of the reconstruction."""
+
+RIG_VERSION = 1
+"""Raise it when skins or their figures change, so that kept ones are not used."""
 
 FRAMES_PER_RIG_BLOCK = 4 * FRAMES_PER_PRODUCT
 """Frames that are posed together; constant, because the last digits depend on it."""
@@ -164,6 +170,7 @@ def make_rig(
     input_rms: float | None = None,
     memory: int = DEFAULT_MEMORY,
     jobs: int = 1,
+    cache: Path | None = None,
 ) -> Rig:
     """Return a mesh that follows a reconstruction, or the input, by skin weights; note its error.
 
@@ -184,106 +191,240 @@ def make_rig(
     input_rms : float, optional
         Distance of the reconstruction from the input, rms over all vertices and frames, in
         percent of the diagonal, where it is known.
+    cache : Path, optional
+        A folder that keeps the rig, with the joints of all frames: another format, or a change of
+        what is written, fits and poses nothing again.
     """
-    with progress.stage("fit"), error_context(result.path), limit_blas_threads(1):
-        solve = _read_solve_settings(result)
+    with error_context(result.path), limit_blas_threads(1):
         target = _settle_rest(target)
-        fit_rig = partial(
-            _fit_rig,
+        with progress.stage("fit"):
+            seams = _find_seams(target)
+        make_fit = partial(
+            _RigFit,
             target,
-            _find_seams(target),
+            seams,
             is_shaded=is_shaded,
-            solve=solve,
+            solve=_read_solve_settings(result),
             memory=memory,
             jobs=jobs,
+            cache=cache,
         )
-        rig = fit_rig(influences, joints)
+        rig = make_fit(progress).find(influences, joints)
         if rig.is_of_input:
             rig = replace(rig, total=rig.rms)
         elif input_rms is not None:
             rig = replace(rig, total=input_rms + rig.rms)
         progress.note("note", f"{name}: {rig.message}")
         if compares:
-            if rig.roughness is not None:
-                count = rig.skin.weights.joints.shape[1]
-                progress.note(
-                    "weights",
-                    f"{rig.roughness:.2g} times as rough over the surface as the {count} largest "
-                    "of the result",
-                )
-            n = len(target.binding.cage.vertices)
-            counts = [k for k in COMPARED_INFLUENCES if k <= len(rig.cage.vertices)]
-            texts = [
-                f"{k}: {fit_rig(k, joints).figures}" for k in counts
-            ]  # holds one rig at a time
-            progress.note("influences", f"rms and largest error: {'; '.join(texts)}")
-            for fewer in (n // 2, n // 4) if isinstance(joints, int) and n >= 16 else ():
-                for count in COMPARED_INFLUENCES[:2]:
-                    if count <= fewer:
-                        progress.note("joints", fit_rig(count, fewer).line)
+            with progress.stage("compare"):
+                fit_rig = make_fit(ProgressListener()).find
+                _compare(rig, len(target.binding.cage.vertices), joints, fit_rig, progress)
     return rig
 
 
-def _fit_rig(
-    target: Reconstruction,
-    seams: Seams | None,
-    influences: int | None,
+def _compare(
+    rig: Rig,
+    n: int,
     joints: str | int,
-    *,
-    is_shaded: bool,
-    solve: SolveSettings,
-    memory: int,
-    jobs: int,
-) -> Rig:
-    """Return the rig with the weights of the target, or with few that are fitted again.
+    fit_rig: Callable[[int, str | int], Rig],
+    progress: ProgressListener,
+) -> None:
+    """Note how rough a skin is, and how far rigs of other numbers are, held one at a time.
 
-    Few weights that the target has are made for joints that only translate. Vertices that never
-    come apart are fitted as one; errors are those of all.
+    The cage has `n` vertices.
     """
-    welded = target if seams is None else _weld(target, seams)
-    binding, turns = welded.binding, joints != "translate"
-    if keeps_weights(binding, influences, joints):
-        return _keep_weights(target)
-    if influences is None and isinstance(joints, int):
-        influences = min(DEFAULT_INFLUENCES, joints)
-    if influences is None and binding.has_offsets:
-        influences = _count_influences(binding)
-    with error_context("few influences, with the alpha and beta of the result"):
-        held, labels, limbs, roughness = binding, None, None, None
-        is_grouped = is_shaded and len(binding.cage.vertices) >= 2 * MIN_JOINTS_PER_LIMB
-        needs_tree = turns and (is_grouped or isinstance(joints, int))
-        if influences is not None or needs_tree:
-            settings = FitSettings(influences=influences)
-            fitter = Fitter(binding, settings, solve=solve, memory=memory, jobs=jobs)
-            sample = fitter.sample([welded])
-            if needs_tree:
-                tree = group_joints(fitter.cage_solve, sample.target)
-                labels = tree.cut(joints) if isinstance(joints, int) else None
-                limbs = tree.group_limbs(labels)
-            if influences is not None:
-                alternator = fitter.make_alternator(sample, DEFAULT_STRENGTH)
-                held = limit_influences(
-                    alternator, sample.target, influences, turns=turns, joints=labels
-                )
-                roughness = compare_roughness(alternator, held, influences, labels)
-        weights = compute_skin_weights(held.weights)
-        solver = DualLaplacianSolver(_bind_skin(held, weights), solve)
-        poser = JointSolver(solver) if turns else None
+    if rig.roughness is not None:
+        count = rig.skin.weights.joints.shape[1]
+        progress.note(
+            "weights",
+            f"{rig.roughness:.2g} times as rough over the surface as the {count} largest of the "
+            "result",
+        )
+    counts = [k for k in COMPARED_INFLUENCES if k <= len(rig.cage.vertices)]
+    texts = [f"{k}: {fit_rig(k, joints).figures}" for k in counts]
+    progress.note("influences", f"rms and largest error: {'; '.join(texts)}")
+    for fewer in (n // 2, n // 4) if isinstance(joints, int) and n >= 16 else ():
+        for count in COMPARED_INFLUENCES[:2]:
+            if count <= fewer:
+                progress.note("joints", fit_rig(count, fewer).line)
+
+
+class _RigFit:
+    """Rigs that follow one target: from the cache, or fitted and posed.
+
+    Vertices that never come apart, of `seams`, are fitted as one; errors are those of all.
+    """
+
+    def __init__(
+        self,
+        target: Reconstruction,
+        seams: Seams | None,
+        progress: ProgressListener,
+        *,
+        is_shaded: bool,
+        solve: SolveSettings,
+        memory: int,
+        jobs: int,
+        cache: Path | None,
+    ) -> None:
+        self._target, self._seams = target, seams
+        self._welded = target if seams is None else _weld(target, seams)
+        self._progress, self._is_shaded = progress, is_shaded
+        self._solve, self._memory, self._jobs, self._cache = solve, memory, jobs, cache
+
+    def find(self, influences: int | None, joints: str | int) -> Rig:
+        """Return the rig with the weights of the target, or with few that are fitted again.
+
+        Few weights that the target has are made for joints that only translate.
+        """
+        target = self._target
+        if keeps_weights(self._welded.binding, influences, joints):
+            with self._progress.stage("pose"):
+                return _keep_weights(target)
+        if self._cache is None:
+            return self._compute(influences, joints)
+        settings = {
+            "rig": RIG_VERSION,
+            "influences": influences,
+            "joints": joints,
+            "shaded": self._is_shaded,
+            "solve": asdict(self._solve),
+            "memory": self._memory,
+            "input": isinstance(target, InputFrames),
+        }
+        frames = target.hash_frames()
+
+        def compute() -> Rig:
+            rig = self._compute(influences, joints)
+            if target.hash_frames() != frames:
+                raise FileAccessError("the frames changed during the run; run again")
+            return rig
+
+        return find_rig(
+            EntryCache(self._cache, partial(self._progress.note, "skin")),
+            compute_rig_key(target.binding, settings, frames),
+            compute,
+            _to_entry,
+            partial(self._from_entry, joints != "translate"),
+        )
+
+    def _compute(self, influences: int | None, joints: str | int) -> Rig:
+        """Fit the weights, pose the joints in all frames, and measure how far they are."""
+        welded, progress = self._welded, self._progress
+        binding, turns = welded.binding, joints != "translate"
+        if influences is None and isinstance(joints, int):
+            influences = min(DEFAULT_INFLUENCES, joints)
+        if influences is None and binding.has_offsets:
+            influences = _count_influences(binding)
+        with error_context("few influences, with the alpha and beta of the result"):
+            held, labels, limbs, roughness = binding, None, None, None
+            is_grouped = self._is_shaded and len(binding.cage.vertices) >= 2 * MIN_JOINTS_PER_LIMB
+            needs_tree = turns and (is_grouped or isinstance(joints, int))
+            with progress.stage("fit"):
+                if influences is not None or needs_tree:
+                    settings = FitSettings(influences=influences)
+                    fitter = Fitter(
+                        binding, settings, solve=self._solve, memory=self._memory, jobs=self._jobs
+                    )
+                    sample = fitter.sample([welded])
+                    if needs_tree:
+                        tree = group_joints(fitter.cage_solve, sample.target)
+                        labels = tree.cut(joints) if isinstance(joints, int) else None
+                        limbs = tree.group_limbs(labels)
+                    if influences is not None:
+                        alternator = fitter.make_alternator(sample, DEFAULT_STRENGTH)
+                        held = limit_influences(
+                            alternator, sample.target, influences, turns=turns, joints=labels
+                        )
+                        roughness = compare_roughness(alternator, held, influences, labels)
+            weights = compute_skin_weights(held.weights)
+            with progress.stage("pose"):
+                pose = self._make_pose(held.cage, weights, turns)
+                is_shaded = turns and self._is_shaded
+                if self._seams is not None:
+                    weights = _take_rows(weights, self._seams.places)
+                rig = _measure_rig(self._target, held.cage, weights, pose, is_shaded=is_shaded)
+            skin = replace(rig.skin, cage_joints=labels, limbs=limbs)
+            return replace(rig, skin=skin, roughness=roughness)
+
+    def _make_pose(self, cage: TriMesh, weights: SkinWeights, turns: bool) -> Pose:
+        """Return what poses joints; its system is factored for the first frames.
+
+        The weights are those of the places that vertices which never come apart share.
+        """
+        skinned, seams = _bind_skin(replace(self._welded.binding, cage=cage), weights), self._seams
+
+        @keep_result
+        def prepare() -> tuple[DualLaplacianSolver, JointSolver | None]:
+            solver = DualLaplacianSolver(skinned, self._solve)
+            return solver, JointSolver(solver) if turns else None
 
         def pose(block: JointPoses) -> JointPoses:
+            solver, poser = prepare()
             meshes = block.meshes if seams is None else block.meshes[:, seams.firsts]
             if poser is not None:
                 posed = poser.solve(meshes)
             else:
                 found = solver.solve(meshes)
                 posed = JointPoses(found.cages, found.rotations, found.reconstructions)
-            return posed if seams is None else replace(posed, meshes=posed.meshes[:, seams.places])
+            if seams is None:
+                return posed
+            # The normals of places know no hard edges.
+            return replace(posed, meshes=posed.meshes[:, seams.places], normals=None)
 
-        if seams is not None:
-            weights = SkinWeights(weights.joints[seams.places], weights.values[seams.places])
-        rig = _measure_rig(target, held.cage, weights, pose, is_shaded=turns and is_shaded)
-        skin = replace(rig.skin, cage_joints=labels, limbs=limbs)
-        return replace(rig, skin=skin, roughness=roughness)
+        return pose
+
+    def _from_entry(self, turns: bool, entry: Entry) -> Rig:
+        """Return the rig that an entry of the cache holds."""
+        target, places, rotations = self._target, entry["places"], entry["rotations"]
+        weights = SkinWeights(entry["joints"], entry["weights"])
+        cage = TriMesh(entry["cage"], entry["faces"])
+        labels, limbs = (entry[name] if len(entry[name]) else None for name in ("labels", "limbs"))
+        own = weights if self._seams is None else _take_rows(weights, self._seams.firsts)
+        pose = self._make_pose(cage, own, turns)
+        bounds = range(FRAMES_PER_RIG_BLOCK, len(places), FRAMES_PER_RIG_BLOCK)
+        blocks = (np.split(entry[name], bounds) for name in ("places", "turns", "rotations"))
+        posed = tuple(
+            JointPoses(cages, turned, np.empty((0, 0, 3)), turns=found if turns else None)
+            for cages, found, turned in zip(*blocks, strict=True)
+        )
+        return Rig(
+            skin=Skin(target.binding.rest, weights, rotations, cage_joints=labels, limbs=limbs),
+            cage=cage,
+            rms=entry["rms"],
+            largest=entry["largest"],
+            angles=entry["angles"],
+            is_of_input=isinstance(target, InputFrames),
+            blocks=lambda: map(pose, target.blocks(FRAMES_PER_RIG_BLOCK)),
+            posed=posed if entry["is_posed"] else None,
+            roughness=entry["roughness"],
+        )
+
+
+def _to_entry(rig: Rig) -> Entry:
+    """Return what the cache keeps of a rig; joints that are not held are posed again."""
+    none, skin = np.empty(0, np.int64), rig.skin
+    posed = rig.posed or ()
+    count, n = (len(skin.rotations) if posed else 0), len(rig.cage.vertices)
+    turns = [one.turns for one in posed if one.turns is not None]
+    return {
+        "joints": skin.weights.joints,
+        "weights": skin.weights.values,
+        "cage": rig.cage.vertices,
+        "faces": rig.cage.faces,
+        "labels": none if skin.cage_joints is None else skin.cage_joints,
+        "limbs": none if skin.limbs is None else skin.limbs,
+        "rotations": skin.rotations,
+        "places": np.concatenate([np.empty((0, n, 3)), *(one.cages for one in posed)]),
+        "turns": np.concatenate([np.empty((0, n, 3, 3)), *turns])
+        if turns
+        else np.empty((count, 0)),
+        "rms": rig.rms,
+        "largest": rig.largest,
+        "angles": rig.angles,
+        "roughness": rig.roughness,
+        "is_posed": bool(posed),
+    }
 
 
 def keeps_weights(binding: Binding, influences: int | None, joints: str | int) -> bool:
@@ -355,6 +496,11 @@ def _weld(target: Reconstruction, seams: Seams) -> Reconstruction:
     if isinstance(target, InputFrames):
         return target.take(welded, seams.firsts)
     return Reconstruction(welded, target.cages)
+
+
+def _take_rows(weights: SkinWeights, rows: Integers) -> SkinWeights:
+    """Return the weights of some vertices, (k,)."""
+    return SkinWeights(weights.joints[rows], weights.values[rows])
 
 
 def _has_few(binding: Binding, count: int) -> bool:

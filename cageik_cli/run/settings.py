@@ -453,6 +453,7 @@ class ExportSettings(CommandSettings):
         needs="with_model",
     )
     morphs: MorphSettings = declare_group(MorphSettings(), {"count": {}, "tolerance": {}})
+    cache: Path | None = None
     compares: bool = False
 
     def outputs(self) -> list[Path]:

@@ -1,6 +1,6 @@
 """A folder of entries: what takes long to compute is kept under a key of all that it depends on.
 
-Entries are weights, fits and built cages. An entry is a file that is named by its key. It is
+Entries are weights, fits, built cages and rigs. An entry is a file that is named by its key. It is
 written beside its name and renamed, and its digests are checked when it is read, so that neither a
 killed process nor a damaged disk can leave an entry that is used. Any number of processes may use
 the folder at once. When an entry cannot be read or written, a note says so and its content is
@@ -54,7 +54,7 @@ LOCK_POLL_SECONDS = 0.05
 MAX_UNFINISHED_SECONDS = 3600.0
 """Seconds after which an unfinished file of any machine is taken for one of a killed process."""
 
-_ENTRY_NAME = re.compile(r"[0-9a-f]{64}\.(weights|cage|fit)")
+_ENTRY_NAME = re.compile(r"[0-9a-f]{64}\.(weights|cage|fit|rig)")
 
 
 _PARTIAL_NAME = re.compile(r"[0-9a-f]{64}(\.\w+)+\.partial")
@@ -416,6 +416,30 @@ CAGES = EntryFormat(
 what the user should know of it, a sentence each.
 """
 
+RIGS = EntryFormat(
+    "rig",
+    "the skin is",
+    {
+        "joints": "<i8",
+        "weights": "<f8",
+        "cage": "<f8",
+        "faces": "<i8",
+        "labels": "<i8",
+        "limbs": "<i8",
+        "rotations": "<f8",
+        "places": "<f8",
+        "turns": "<f8",
+    },
+    {
+        "rms": float,
+        "largest": float,
+        "angles": tuple | None,
+        "roughness": float | None,
+        "is_posed": bool,
+    },
+)
+"""How a rig is kept: its skin weights, the joints at rest and in all frames, and its figures."""
+
 
 def find_binding(
     cache: EntryCache,
@@ -546,6 +570,44 @@ def compute_fit_key(
         array for mesh in (binding.rest, binding.cage) for array in (mesh.vertices, mesh.faces)
     ]
     return compute_key(recorded, binding.weights, *meshes, *others)
+
+
+def find_rig(
+    cache: EntryCache,
+    key: str,
+    fit: Callable[[], Value],
+    to_entry: Callable[[Value], Entry],
+    from_entry: Callable[[Entry], Value],
+) -> Value:
+    """Return the rig that `fit` gives, from the cache if it is there; see `compute_rig_key`."""
+    return cache.find_or_compute(RIGS, key, fit, to_entry, from_entry)
+
+
+def compute_rig_key(binding: Binding, settings: Mapping[str, Any], frames: str) -> str:
+    """Return the key of a rig: a digest of all that its skin and its joints depend on.
+
+    Parameters
+    ----------
+    binding : Binding
+        Of the mesh that the rig moves.
+    settings : mapping
+        Plain values, by name: those of the fit and of the solve, and the version of both.
+    frames : str
+        The digest of what the rig follows.
+    """
+    recorded = {
+        "version": __version__,
+        "fit": FIT_VERSION,
+        "compiled": compiled.kernel is not None,
+        "offsets": binding.has_offsets,
+        "frames": frames,
+        **settings,
+    }
+    polygons, cage = binding.rest.polygons, binding.cage
+    surface = (binding.rest.faces, polygons.corners, polygons.corner_counts)
+    return compute_key(
+        recorded, binding.weights, binding.rest.vertices, *surface, cage.vertices, cage.faces
+    )
 
 
 def find_cage(

@@ -435,3 +435,93 @@ def test_fitting_again_is_far_better_than_cutting_off(run, folder):
     cut_off = 100 * np.sqrt(np.square(moved - expected).sum(axis=2).mean()) / diagonal
     errors = [rig(count).rms for count in (4, 8)]
     assert errors[1] < errors[0] < cut_off / 3
+
+
+SKINS = {
+    "joints that turn": ("--influences", "3"),
+    "joints that translate": ("--influences", "3", "--joints", "translate"),
+    "merged joints": ("--joints", "4"),
+    "the weights of the result": (),
+}
+
+
+def refuse_to_fit(monkeypatch):
+    """Let fits and poses fail; what the cache holds needs none."""
+    for name in ("limit_influences", "_measure_rig"):
+        monkeypatch.setattr(rigs, name, lambda *_, **__: pytest.fail("fitted or posed again"))
+
+
+@pytest.mark.parametrize("skin", SKINS)
+def test_another_format_fits_nothing_again_and_is_written_the_same(run, folder, monkeypatch, skin):
+    assert run(*EXTRACT).code == 0
+    words = ("export", "cages.h5", "--skeleton", *SKINS[skin])
+    for suffix in ("usdc", "glb"):
+        assert run(*words, f"cold.{suffix}", "--no-cache").code == 0
+    assert run(*words, "first.usdc", "--cache", "kept").code == 0
+    assert [path.suffix for path in Path("kept").iterdir()] == [".rig"]
+    refuse_to_fit(monkeypatch)
+    for suffix in ("usdc", "glb"):
+        assert run(*words, f"cached.{suffix}", "--cache", "kept").code == 0
+        assert Path(f"cached.{suffix}").read_bytes() == Path(f"cold.{suffix}").read_bytes()
+
+
+def test_joints_that_are_not_held_are_posed_again_from_the_cache(run, folder, monkeypatch):
+    assert run(*EXTRACT).code == 0
+    words = ("export", "cages.h5", "--skeleton", "--influences", 3)
+    monkeypatch.setattr(rigs, "FRAMES_PER_RIG_BLOCK", 2)
+    assert run(*words, "held.glb", "--no-cache").code == 0
+    words = (*words, "--cache", "kept")
+    monkeypatch.setattr(rigs, "MAX_HELD_BYTES", 0)
+    assert run(*words, "first.glb").code == 0
+    refuse_to_fit(monkeypatch)
+    assert run(*words, "second.glb").code == 0
+    contents = {Path(f"{name}.glb").read_bytes() for name in ("held", "first", "second")}
+    assert len(contents) == 1
+
+
+def test_a_mesh_is_moved_by_the_rig_in_the_cache(run, folder, monkeypatch):
+    assert run(*EXTRACT).code == 0
+    words = ("deform", "cages.h5", "--influences", 3)
+    assert run(*words, "-o", "cold.npz", "--no-cache").code == 0
+    assert run(*words, "-o", "first.npz", "--cache", "kept").code == 0
+    refuse_to_fit(monkeypatch)
+    assert run(*words, "-o", "cached.npz", "--cache", "kept").code == 0
+    np.testing.assert_array_equal(frames_in("cached.npz"), frames_in("cold.npz"))
+
+
+@pytest.mark.parametrize("change", [("2",), ("3", "--joints", "4"), ("3", "--joints", "translate")])
+def test_other_settings_are_another_rig(run, folder, change):
+    assert run(*EXTRACT).code == 0
+    words = ("export", "cages.h5", "--skeleton", "--cache", "kept", "--influences")
+    assert run(*words, "3", "a.glb").code == 0
+    assert run(*words, *change, "b.glb").code == 0
+    assert len(list(Path("kept").iterdir())) == 2
+
+
+def test_other_cages_are_another_rig(run, folder):
+    assert run(*EXTRACT).code == 0
+    words = ("export", "cages.h5", "--skeleton", "--cache", "kept", "--influences", 3)
+    assert run(*words, "a.glb").code == 0
+    assert run(*EXTRACT, "--alpha", 0.1, "--overwrite").code == 0
+    assert run(*words, "b.glb").code == 0
+    assert len(list(Path("kept").iterdir())) == 2
+
+
+def test_a_damaged_rig_is_fitted_again(run, folder):
+    assert run(*EXTRACT).code == 0
+    words = ("export", "cages.h5", "--skeleton", "--cache", "kept", "--influences", 3)
+    assert run(*words, "a.glb").code == 0
+    (kept,) = Path("kept").iterdir()
+    kept.write_bytes(kept.read_bytes()[:-1] + b"\1")
+    outcome = run(*words, "b.glb", "-v")
+    assert "is damaged; it is deleted and the skin is computed" in " ".join(outcome.err.split())
+    assert Path("b.glb").read_bytes() == Path("a.glb").read_bytes()
+
+
+def test_seconds_of_the_fit_and_of_the_poses_are_told_apart(run, folder):
+    assert run(*EXTRACT).code == 0
+    words = ("export", "cages.h5", "--skeleton", "--influences", 3, "--no-cache")
+    assert "seconds" not in run(*words, "a.glb").err
+    outcome = run(*words, "b.glb", "-v")
+    (line,) = (line for line in outcome.err.splitlines() if line.split()[:1] == ["seconds"])
+    assert all(f"{name} 0." in line for name in ("fit", "pose", "export"))

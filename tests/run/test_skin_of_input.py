@@ -11,6 +11,7 @@ from cageik_cli.formats.open import open_sequence
 from cageik_cli.inputs import input_frames
 from cageik_cli.inputs.caged_model import CagedModel
 from cageik_cli.inputs.input_frames import find_input
+from cageik_cli.run import rig as rigs
 from cageik_cli.store.result import read_result
 from tests.clips import frames_of
 from tests.formats.test_keyed_motion import Turntable
@@ -220,3 +221,35 @@ def test_blocks_of_frames_and_threads_change_nothing(run, folder):
     whole = np.concatenate([block.meshes for block in one.blocks(8)])
     parts = np.concatenate([block.meshes for block in many.blocks(2)])
     np.testing.assert_array_equal(parts, whole)
+
+
+def test_a_rig_that_follows_the_input_is_kept_until_that_changes(
+    run, folder, monkeypatch, animation, write_obj
+):
+    assert run(*EXTRACT).code == 0
+    words = (*EXPORT[:2], "--skeleton", *FEW, "--cache", "kept")
+    assert run(*words, "a.usdc").code == 0
+    assert run(*words, "b.usdc").code == 0
+    assert len(list(Path("kept").iterdir())) == 1
+    assert Path("a.usdc").read_bytes() == Path("b.usdc").read_bytes()
+    moved = animation.frames[1] + 0.001 * np.sin(animation.frames[1])
+    write_obj(Path("frames/frame_2.obj"), moved, animation.rest.faces)
+    assert run(*EXTRACT, "--overwrite").code == 0
+    assert run(*words, "c.usdc").code == 0
+    assert len(list(Path("kept").iterdir())) == 2
+
+
+def test_an_input_that_changes_during_a_fit_is_refused(run, folder, monkeypatch):
+    assert run(*EXTRACT).code == 0
+    compute, text = rigs._RigFit._compute, Path("frames/frame_2.obj").read_text()
+
+    def change_and_compute(self, *words):
+        Path("frames/frame_2.obj").write_text(text + "# changed\n")
+        return compute(self, *words)
+
+    monkeypatch.setattr(rigs._RigFit, "_compute", change_and_compute)
+    outcome = run(*EXPORT, *FEW, "--cache", "kept")
+    assert outcome.code == 1
+    assert "cages.h5: the frames changed during the run; run again" in outcome.err
+    assert not list(Path("kept").glob("*.rig"))
+    assert not Path("c.usdc").exists()

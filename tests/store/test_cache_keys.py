@@ -7,7 +7,15 @@ import numpy as np
 from cageik_cli.cages.settings import BuildSettings
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.store import cache as cache_module
-from cageik_cli.store.cache import CAGES, WEIGHTS, EntryCache, compute_cage_key, find_cage
+from cageik_cli.store.cache import (
+    CAGES,
+    WEIGHTS,
+    EntryCache,
+    compute_cage_key,
+    compute_rig_key,
+    find_cage,
+)
+from tests.fitted import small_binding
 from tests.shapes import ball, box
 from tests.store.entries import entry as weights_entry
 from tests.store.entries import same
@@ -72,3 +80,26 @@ def test_the_key_covers_the_model_the_settings_and_the_builder(monkeypatch):
     assert len(keys) == 8
     monkeypatch.undo()
     assert compute_cage_key(ball(1), BuildSettings()) in keys
+
+
+def test_the_key_of_a_rig_covers_the_binding_the_settings_and_the_frames(monkeypatch):
+    binding, words = small_binding(), {"influences": 4}
+    rest, cage = binding.rest, binding.cage
+    moved = TriMesh(rest.vertices + 1e-9, rest.faces)
+    turned = TriMesh(rest.vertices, np.roll(rest.faces, 1, axis=0))
+    others = (
+        binding,
+        replace(binding, weights=binding.weights + 1e-9),
+        replace(binding, rest=moved),
+        replace(binding, rest=turned),
+        replace(binding, cage=TriMesh(cage.vertices + 1e-9, cage.faces)),
+        replace(binding, has_offsets=True),
+    )
+    keys = {compute_rig_key(one, words, "1") for one in others}
+    keys |= {compute_rig_key(binding, {"influences": 3}, "1"), compute_rig_key(binding, words, "2")}
+    for name in ("FIT_VERSION", "__version__"):
+        monkeypatch.setattr(cache_module, name, 99)
+        keys.add(compute_rig_key(binding, words, "1"))
+    assert len(keys) == 10
+    monkeypatch.undo()
+    assert compute_rig_key(small_binding(), dict(words), "1") in keys
