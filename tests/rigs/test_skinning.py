@@ -270,3 +270,38 @@ def test_vertices_that_do_not_count_do_not_matter():
     counted = fit(away) - fit(columns)
     assert np.abs(change[others]).mean() < 0.5 * np.abs(counted[others]).mean()
     assert np.isfinite(change).all()
+
+
+def test_few_columns_hold_a_motion_of_few_directions():
+    """All that is left out is small, and what is multiplied is what all columns give."""
+    random = np.random.default_rng(0)
+    columns = random.normal(size=(60, 5)) @ random.normal(size=(5, 36))
+    columns += 1e-9 * random.normal(size=columns.shape)
+    target = Displacements.of(columns)
+    few = FewColumns.of(target, 1e-5)
+    assert len(few.columns) == 2
+    assert few.weight == target.weight == 12
+    left, rows = random.normal(size=(7, 60)), random.normal(size=(4, 36))
+    np.testing.assert_allclose(
+        few.multiply_left(lambda block: left @ block), left @ columns, atol=1e-6
+    )
+    product = few.columns.read_rows(slice(0, 60)) @ few.reduce(rows).T
+    np.testing.assert_allclose(product, columns @ rows.T, atol=1e-6)
+
+
+@pytest.mark.parametrize("tolerance", [1e-9, 1e-3])
+def test_all_columns_are_kept_where_few_would_leave_something_out(tolerance):
+    target = Displacements.of(np.random.default_rng(0).normal(size=(60, 36)))
+    few = FewColumns.of(target, tolerance)
+    assert few.columns is target
+    assert few.basis is None
+
+
+def test_a_fit_to_few_columns_is_that_to_all(monkeypatch):
+    left, sizes, right = np.linalg.svd(displacements(), full_matrices=False)
+    columns = (left[:, :6] * sizes[:6]) @ right[:6]
+    assert len(FewColumns.of(Displacements.of(columns), skinning.MOVES_TOL).columns) == 2
+    few = fit(columns)
+    monkeypatch.setattr(skinning, "MOVES_TOL", 0.0)
+    monkeypatch.setattr(skinning, "NORMALS_TOL", 0.0)
+    np.testing.assert_allclose(few, fit(columns), atol=1e-3)
