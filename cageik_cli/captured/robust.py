@@ -16,8 +16,8 @@ the first rounds (Huber 1964) and exp(1 − u²) in the others (Welsch; Holland 
 the vertex is torn from the surface. A frame without outliers keeps the plain solution, to the last
 bit.
 
-A vertex is an outlier by itself if its neighbours are none: `has_outlier_vertices` compares frames
-before any solve, `find_torn_vertices` the residuals of one.
+A vertex is an outlier by itself if its neighbours are none: `find_outlier_vertices` compares a
+frame before any solve, `find_torn_vertices` the residuals of one.
 """
 
 from collections.abc import Iterable
@@ -332,31 +332,38 @@ def average_neighbours(mesh: TriMesh, values: Floats) -> Floats:
 
 
 def has_outlier_vertices(mesh: TriMesh, frames: Iterable[Floats]) -> bool:
-    """Return whether single vertices of frames, (m, 3) each, are outliers.
+    """Return whether single vertices of frames, (m, 3) each, are outliers, see below."""
+    return any(bool(find_outlier_vertices(mesh, frame).any()) for frame in frames)
+
+
+def find_outlier_vertices(mesh: TriMesh, frame: Floats) -> Mask:
+    """Return which vertices of a frame, (m, 3), are outliers by themselves, (m,).
 
     The data alone tells, before any solve: all edges of such a vertex change their length by far
     more than some edge of each neighbour does. Limbs that bend, and surfaces that stretch as a
-    whole, do not count. Nor do neighbours that are outliers together.
+    whole, do not count. Nor do neighbours that are outliers together, unless single vertices are
+    outliers elsewhere in the frame.
 
     Parameters
     ----------
     mesh : TriMesh
-        A pose that the frames are compared with; its vertex may be the outlier.
+        A pose that the frame is compared with; its vertex may be the outlier.
+    frame : (m, 3) float64
+        nan for missing vertices, whose edges do not count.
     """
     first, second = mesh.edges.ends.T
     before = np.linalg.norm(mesh.vertices[first] - mesh.vertices[second], axis=1)
-    for frame in frames:
-        change = np.abs(np.linalg.norm(frame[first] - frame[second], axis=1) - before)
-        least = np.full(len(mesh.vertices), np.inf)  # by how much an edge of each vertex changes
-        for ends in (first, second):
-            np.minimum.at(least, ends, change)
-        least[~np.isfinite(least)] = 0.0
-        is_large = 100 * least > MIN_OUTLIER_EDGE_CHANGE * mesh.diagonal
-        if is_large.any():
-            around = average_neighbours(mesh, least)
-            if (is_large & (least > MIN_OUTLIER_RATIO * around)).any():
-                return True
-    return False
+    change = np.abs(np.linalg.norm(frame[first] - frame[second], axis=1) - before)
+    change[np.isnan(change)] = np.inf
+    least = np.full(len(mesh.vertices), np.inf)  # by how much an edge of each vertex changes
+    for ends in (first, second):
+        np.minimum.at(least, ends, change)
+    least[~np.isfinite(least)] = 0.0
+    is_large = 100 * least > MIN_OUTLIER_EDGE_CHANGE * mesh.diagonal
+    if not is_large.any():
+        return is_large
+    is_alone = is_large & (least > MIN_OUTLIER_RATIO * average_neighbours(mesh, least))
+    return np.asarray(is_large if is_alone.any() else is_alone)
 
 
 def find_torn_vertices(mesh: TriMesh, residuals: Floats, limits: Floats, is_data: Mask) -> Mask:

@@ -43,6 +43,7 @@ from cageik_cli.report.vocabulary import (
 )
 from cageik_cli.store.result import Result, StoredAnimation
 from cageik_cli.store.result_fields import export_fields
+from cageik_cli.store.tried_steps import TriedStep
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.messages import Note, Spelling, spell, spell_keyword
 from cageik_cli.util.text import to_unicode
@@ -64,7 +65,8 @@ class Report:
     `parts` are in the order of the model; None for a model of one part.
     `filled` are the skipped frames whose cages were filled from those around them.
     `quality` is a key of `QUALITY_WORDS`, and `better` the one step that would help most; both are
-    None for an edit, `better` also where there is no such step.
+    None for an edit, `better` also where there is no such step. `gain` is what that step has gained
+    on some frames; None if it was not tried, as it cannot hurt.
     """
 
     schema: int
@@ -89,6 +91,7 @@ class Report:
     parts: tuple[PartRecord, ...] | None = None
     quality: str | None = None
     better: str | None = None
+    gain: TriedStep | None = None
 
     @property
     def verdict(self) -> str | None:
@@ -181,7 +184,8 @@ def _judge(result: Result, summary: ReportSummary, spelling: Spelling) -> dict[s
         "kept": kept,
         "filled": tuple(result.frames[k] for k in result.filled),
         "quality": judge_quality(*errors),
-        "better": None if better is None else spell(better, spelling),
+        "better": None if better is None else spell(better.step, spelling),
+        "gain": None if better is None else better.gain,
     }
 
 

@@ -65,6 +65,7 @@ from cageik_cli.run.resume import (
 )
 from cageik_cli.run.settings import ExtractSettings
 from cageik_cli.run.time_pass import open_refined
+from cageik_cli.run.tried_steps import StepTrials
 from cageik_cli.store.binding_file import StoredBinding
 from cageik_cli.store.cache import compute_key
 from cageik_cli.store.checkpoint import Checkpoint, RunSpec, delete_checkpoint
@@ -78,6 +79,7 @@ from cageik_cli.store.result import (
     read_result,
     smoothed_path,
 )
+from cageik_cli.store.tried_steps import TriedStep
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import FileAccessError, error_context, join_truncated
 from cageik_cli.util.messages import Note, Said, say
@@ -146,6 +148,7 @@ class Extraction:
         self.filled: tuple[int, ...] = ()
         self.fit: FitSettings | None = None
         self._fit_notes: tuple[Note, ...] = ()
+        self._states_high_norm = settings.solve.lowers_deviations
 
     def run(self) -> Result:
         """Extract the cage of every frame, or return the result that exists already."""
@@ -354,7 +357,7 @@ class Extraction:
             "notes": notes + self._fit_notes,
             "quality": solver.quality,
         }
-        output = settings.output
+        output, tried = settings.output, self._try_steps(checkpoint.summary)
         with self.progress.stage("write"):
             composer = _ResultComposer(
                 checkpoint, self.stored, self.sequence, self.rest_index, unsmoothed
@@ -370,7 +373,26 @@ class Extraction:
                 has_kept=self.weighs_frames,
                 temporary_path=output.with_name(f"{output.name}.whole.partial"),
             ) as result:
-                composer.write(result, self.sources, self.filled, self._make_baseline_solver())
+                last = {"sources": self.sources, "filled": self.filled, "tried": tried}
+                composer.write(result, last, self._make_baseline_solver())
+
+    def _try_steps(self, summary: ClipSummary) -> tuple[TriedStep, ...]:
+        """Try steps that may lower the error, and may be advised for that."""
+        settings = self.settings
+        assert self.stored is not None
+        if len(summary.skipped) == summary.frames_done:
+            return ()
+        trials = StepTrials(
+            settings,
+            self.block_solver,
+            self.stored,
+            summary,
+            self.vertex_weights,
+            takes_fit=self.stored.fit is None and settings.keep_weights and not self.weighs_frames,
+            rejects_outliers=not (settings.capture.robust or self._states_high_norm),
+        )
+        with self.progress.stage("try"):
+            return trials.run()
 
     def _make_baseline_solver(self) -> DualLaplacianSolver | None:
         """Return the solver with the weights before the fit, if the result compares them.
@@ -447,18 +469,15 @@ class _ResultComposer:
     def write(
         self,
         result: AnimationWriter,
-        sources: dict[str, Any],
-        filled: tuple[int, ...],
+        last: dict[str, Any],
         unfitted: DualLaplacianSolver | None,
     ) -> None:
         """Write all frames, whose blocks are read once, in order, and what is of all of them.
 
         Parameters
         ----------
-        sources : dict
-            Name and digest of each file that was read, all but the frames.
-        filled : tuple of int
-            Skipped frames whose cages were filled from those around them.
+        last : dict
+            Fields of the result that the run knows. Sources are of all files but the frames.
         unfitted : DualLaplacianSolver or None
             Of the weights before the fit, if the result compares them.
         """
@@ -470,9 +489,9 @@ class _ResultComposer:
                 "vertex_rms": summary.vertex_rms,
                 "regions": self._regions,
                 "bound": summary.measure_bound(len(self._binding.cage.vertices)),
-                "filled": filled,
-                "sources": sources | {"frames": self._sequence.describe_source()},
                 "skipped": summary.skipped,
+                **last,
+                "sources": last["sources"] | {"frames": self._sequence.describe_source()},
             },
             key_frames=np.array(key_frames),
             key_frame_errors=np.array(errors),

@@ -55,6 +55,7 @@ from cageik_cli.store.hdf5_fields import (
     write_meshes,
 )
 from cageik_cli.store.result_fields import ClipSizes, declare_field, list_fields
+from cageik_cli.store.tried_steps import TriedStep, read_tried_steps
 from cageik_cli.util.arrays import Floats, Integers, fill_gaps
 from cageik_cli.util.errors import (
     CheckpointError,
@@ -195,6 +196,9 @@ class Result(StoredAnimation):
         The error of the best possible cage animation of the clip.
     filled : tuple of int
         Skipped frames whose cages were filled from those around them.
+    tried : tuple of TriedStep, optional
+        What was tried on some frames, and how much it helped; nothing where the error is small.
+        None if the result was written by a version that tried nothing.
 
     Examples
     --------
@@ -220,6 +224,9 @@ class Result(StoredAnimation):
     )
     filled: tuple[int, ...] = declare_field(
         result_fields.read_filled, write=result_fields.write_filled, default=()
+    )
+    tried: tuple[TriedStep, ...] | None = declare_field(
+        lambda file, _: read_tried_steps(file), default=None
     )
 
     @property

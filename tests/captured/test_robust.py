@@ -6,7 +6,13 @@ import numpy as np
 import pytest
 
 from cageik_cli import bind
-from cageik_cli.captured.robust import RobustSolver, find_torn_vertices, has_outlier_vertices, weigh
+from cageik_cli.captured.robust import (
+    RobustSolver,
+    find_outlier_vertices,
+    find_torn_vertices,
+    has_outlier_vertices,
+    weigh,
+)
 from cageik_cli.geometry.shape import uniform_laplacian
 from cageik_cli.method.solve.alignment import best_rotations
 from cageik_cli.method.solve.dual_laplacian import DualLaplacianSolver
@@ -210,6 +216,21 @@ def test_outlier_vertices_are_distinguished_from_motion(frames, expected):
 def test_an_outlier_vertex_of_the_rest_pose_is_found():
     frames = make_outlier(0.2)
     assert has_outlier_vertices(BALL.move(frames[-1]), frames[:-1])
+
+
+@pytest.mark.parametrize("share", [0.004, 0.03, 0.1])
+def test_outliers_are_found_however_many_there_are(share):
+    """Neighbours that are outliers together are found where others are by themselves."""
+    rng = np.random.default_rng(2)
+    is_off = np.zeros(len(BALL.vertices), bool)
+    is_off[rng.choice(len(is_off), max(1, round(share * len(is_off))), replace=False)] = True
+    ways = rng.normal(size=BALL.vertices.shape)
+    ways *= 0.3 * BALL.diagonal / np.linalg.norm(ways, axis=1, keepdims=True)
+    frame = BALL.vertices + is_off[:, None] * ways
+    found = find_outlier_vertices(BALL, frame)
+    assert (found == is_off).all()
+    frame[is_off] = np.nan
+    assert not find_outlier_vertices(BALL, frame).any()
 
 
 def find_torn(residuals, mesh=BALL, is_data=None):

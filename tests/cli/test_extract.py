@@ -99,7 +99,7 @@ def test_options_reach_the_result(run, folder, animation, write_obj):
 def test_timings_are_seconds_by_stage(run, folder):
     assert run(*TYPED, "--timings", "seconds.json").code == 0
     seconds = json.loads(Path("seconds.json").read_text())
-    stages = {"open", "bind", "factor", "read", "solve", "measure", "write"}
+    stages = {"open", "bind", "factor", "read", "solve", "measure", "try", "write"}
     assert set(seconds) == stages | {"total"}
     assert all(value >= 0 for value in seconds.values())
     assert sum(seconds[stage] for stage in stages) <= seconds["total"]

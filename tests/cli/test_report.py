@@ -30,7 +30,7 @@ def test_text_goes_to_stdout(run, results):
     assert (outcome.code, outcome.err) == (0, "")
     assert outcome.out.startswith("cages.h5: 5 frames, 18 vertices")
     assert "  see it    cageik view cages.h5\n" in outcome.out
-    assert "better    extract again with --fit --overwrite\n" in outcome.out
+    assert "  quality   poor: " in outcome.out
     assert outcome.out.endswith("cageik export cages.h5 cages.usdc --with-model\n")
     assert run("report", "other.h5").out == outcome.out.replace("cages", "other")
 

@@ -1,6 +1,7 @@
 """The word on a result, and the one step that is advised."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,10 +12,13 @@ from cageik_cli.report.notes import (
     MAX_FAIR_RMS,
     MAX_GOOD_DEVIATION,
     MAX_GOOD_RMS,
+    Advice,
     judge_quality,
     suggest_step,
 )
 from cageik_cli.report.record import build_report
+from cageik_cli.report.views.front import list_verdict_rows
+from cageik_cli.store.tried_steps import Step, TriedStep
 from cageik_cli.util.messages import Note
 from tests.shapes import ball
 
@@ -44,79 +48,116 @@ def test_an_edit_has_no_quality_and_no_advice(edited):
     assert (report.quality, report.better) == (None, None)
 
 
-def test_a_fit_is_advised_where_there_is_none(closed):
-    assert suggest_step(closed.result, 1.0, 5.0) == FIT
+def try_step(result, step, after=0.5, **changes):
+    """The result of a run in which a step left `after` percent of the 1 % before."""
+    return replace(result, tried=(TriedStep(step, 1.0, after, 12),), **changes)
 
 
-def test_a_built_cage_is_advised_where_the_given_one_is_far_too_loose(closed):
+def test_a_fit_is_advised_where_it_was_tried_and_helped(closed):
+    for after, is_advised in ((0.5, True), (0.99, False), (1.5, False)):
+        found = suggest_step(try_step(closed.result, Step.FIT, after), 1.0, 5.0)
+        assert (found is not None) == is_advised
+    tried = try_step(closed.result, Step.FIT)
+    assert suggest_step(tried, 1.0, 5.0) == Advice(FIT, tried.tried[0])
+    bound = replace(tried, sources={**tried.sources, "binding": {}})
+    assert suggest_step(bound, 1.0, 5.0).step == (
+        "bind again with `fit=FRAMES`, then extract with that `binding=`"
+    )
+
+
+@pytest.mark.parametrize("tried", [None, ()])
+def test_nothing_is_advised_that_was_not_tried_and_may_hurt(closed, tried):
+    assert suggest_step(replace(closed.result, tried=tried), 5.0, 20.0) is None
+
+
+def test_of_two_steps_the_one_that_gains_more_is_advised(closed):
+    steps = (TriedStep(Step.ROBUST, 1.0, 0.6, 24), TriedStep(Step.FIT, 0.8, 0.5, 12))
+    found = suggest_step(replace(closed.result, tried=steps), 1.0, 5.0)
+    assert found == Advice("extract again with `robust=True` `overwrite=True`", steps[0])
+    found = suggest_step(replace(closed.result, tried=(steps[1],)), 1.0, 5.0)
+    assert found == Advice(FIT, steps[1])
+
+
+@pytest.fixture
+def smooth(monkeypatch):
+    """Errors of a result that are alike in neighbours."""
+    monkeypatch.setattr("cageik_cli.report.notes._has_smooth_errors", lambda _: True)
+
+
+def test_a_built_cage_is_advised_where_the_given_one_is_far_too_loose(closed, smooth):
     (region, *_) = closed.result.regions
-    loose = replace(closed.result, regions=(replace(region, cause=Cause.LOOSE_CAGE),))
-    assert "without `cage=`" in str(suggest_step(loose, 1.0, 5.0))
+    tried = try_step(closed.result, Step.FIT)
+    loose = replace(tried, regions=(replace(region, cause=Cause.LOOSE_CAGE),))
+    step = suggest_step(loose, 1.0, 5.0).step
+    assert step == "extract again with `overwrite=True`, without `cage=`: a tighter cage is built"
     built = replace(loose, settings={**loose.settings, "cage_vertices": 8})
-    assert suggest_step(built, 1.0, 5.0) == FIT
-
-
-@pytest.mark.parametrize(
-    ("period", "step"),
-    [(1.0, "extract again with `smooth=auto` `overwrite=True`"), ("auto", None)],
-)
-def test_less_smoothing_is_advised_where_it_is_to_blame(closed, period, step):
-    (region, *_) = closed.result.regions
-    settings = closed.result.settings | {"smooth": period}
-    regions = (replace(region, cause=Cause.SMOOTHING),)
-    smoothed = replace(closed.result, regions=regions, settings=settings)
-    assert suggest_step(smoothed, 1.0, 5.0) == step
+    assert suggest_step(built, 1.0, 5.0).step == FIT
+    noisy = try_step(loose, Step.ROBUST)  # weights are not fitted to outliers by default
+    assert "robust" in str(suggest_step(noisy, 1.0, 5.0).step)
+    assert suggest_step(replace(loose, tried=None), 1.0, 5.0) is None
 
 
 def test_nothing_is_advised_for_an_error_that_is_not_seen(closed):
-    assert suggest_step(closed.result, 0.4 * MAX_GOOD_RMS, 0.4 * MAX_GOOD_DEVIATION) is None
+    tried = try_step(closed.result, Step.FIT)
+    assert suggest_step(tried, 0.4 * MAX_GOOD_RMS, 0.4 * MAX_GOOD_DEVIATION) is None
 
 
-def test_after_a_fit_more_vertices_are_advised_if_the_model_has_data_for_them(fitted):
+def test_after_a_fit_more_vertices_are_advised_if_the_model_has_data_for_them(fitted, smooth):
     assert suggest_step(fitted, 1.0, 5.0) is None  # 66 vertices for a cage of 36
     count = len(fitted.cage.vertices)
     dense = ball(3, 1.0)
     small = replace(fitted, rest=dense, vertex_rms=np.ones(len(dense.vertices)))
-    assert suggest_step(small, 1.0, 5.0) == (
+    assert suggest_step(small, 1.0, 5.0).step == (
         f"extract again with `vertices={2 * count}` `overwrite=True`, without `cage=`"
     )
     bound = replace(small, sources={**small.sources, "binding": {}})
-    assert str(suggest_step(bound, 1.0, 5.0)).endswith("`overwrite=True`, without `binding=`")
+    assert str(suggest_step(bound, 1.0, 5.0).step).endswith("`overwrite=True`, without `binding=`")
     built = replace(small, settings={**small.settings, "cage_vertices": count})
-    assert suggest_step(built, 1.0, 5.0) == (
+    assert suggest_step(built, 1.0, 5.0) == Advice(
         f"extract again with `vertices={2 * count}` `overwrite=True`"
     )
+    noisy = try_step(built, Step.ROBUST, after=2.0)
+    assert suggest_step(noisy, 1.0, 5.0) is None
 
 
-def test_another_rest_pose_is_advised_where_limbs_share_a_loop(fitted, closed):
-    (region, *_) = closed.result.regions
-    shared = replace(fitted, regions=(replace(region, cause=Cause.SHARED_LOOP),))
-    built = {**shared.settings, "rest_frame": 0, "cage_vertices": 36}
-    first = replace(shared, settings=built)
-    assert "`rest_frame=auto`" in str(suggest_step(first, 1.0, 5.0))
-    given = replace(shared, settings={**shared.settings, "rest_frame": 0})
-    assert suggest_step(given, 1.0, 5.0) is None  # another rest pose is not in that cage
-    chosen = replace(shared, settings={**built, "rest_frame": None})
-    assert suggest_step(chosen, 1.0, 5.0) is None
+@pytest.fixture
+def rough_errors(fitted, monkeypatch):
+    """Replaces the errors of the result by smooth ones, noise, or what is between."""
+    monkeypatch.setattr("cageik_cli.report.notes.MIN_DATA_PER_CAGE_VERTEX", 0.5)
+    points = fitted.rest.vertices
+    noise = np.random.default_rng(4).normal(size=(3, *points.shape))
+
+    def replace_errors(rough):
+        errors = (1 - rough) * points + rough * noise
+        frames = SimpleNamespace(errors=errors)
+        monkeypatch.setattr("cageik_cli.report.notes.read_key_frames", lambda *_: frames)
+
+    return replace_errors
 
 
-def test_a_fit_is_advised_only_where_extraction_takes_one(closed, monkeypatch):
-    bound = replace(closed.result, sources={**closed.result.sources, "binding": {}})
-    assert suggest_step(bound, 1.0, 5.0) == (
-        "bind again with `fit=FRAMES`, then extract with that `binding=`"
-    )
-    short = replace(closed.result, frames=closed.result.frames[:2], skipped={})
-    for result in (short, replace(closed.result, kept=object())):
-        assert "fit" not in (suggest_step(result, 1.0, 5.0) or "")
-    monkeypatch.setattr("cageik_cli.report.notes.has_weights", lambda _: False)
-    assert "fit" not in (suggest_step(closed.result, 1.0, 5.0) or "")
+@pytest.mark.parametrize(("rough", "is_advised"), [(0.0, True), (1.0, False)])
+def test_more_vertices_are_not_advised_against_noise(fitted, rough_errors, rough, is_advised):
+    """Errors of noise differ from vertex to vertex; those of a smooth cage do not."""
+    rough_errors(rough)
+    assert (suggest_step(fitted, 1.0, 5.0) is not None) == is_advised
 
 
-def test_outliers_are_not_rejected_twice(closed, monkeypatch):
-    monkeypatch.setattr("cageik_cli.report.notes.has_outliers", lambda _: True)
-    assert "`robust=True`" in str(suggest_step(closed.result, 1.0, 5.0))
-    robust = replace(closed.result, settings={**closed.result.settings, "robust": True})
-    assert "`robust=True`" not in str(suggest_step(robust, 1.0, 5.0))
+def test_missing_data_or_lost_weights_leave_no_errors_to_judge_by(
+    fitted, rough_errors, monkeypatch
+):
+    rough_errors(0.0)
+    assert suggest_step(fitted, 1.0, 5.0) is not None
+    assert suggest_step(replace(fitted, kept=object()), 1.0, 5.0) is None
+    monkeypatch.setattr("cageik_cli.report.notes.read_binding", lambda _: None)
+    assert suggest_step(fitted, 1.0, 5.0) is None
+
+
+def test_the_gain_is_said_and_in_the_record(closed):
+    report = build_report(try_step(closed.result, Step.FIT))
+    assert report.gain == TriedStep(Step.FIT, 1.0, 0.5, 12)
+    (text,) = [text for label, text in list_verdict_rows(report) if label == "better"]
+    assert text == f"{FIT} (1.0 % to 0.50 % on 12 frames)"
+    assert (report.better, report.gain.frames) == (FIT, 12)
 
 
 def test_warnings_come_first_then_notes_on_the_result_then_those_on_files(closed):

@@ -296,7 +296,7 @@ def test_a_listener_gets_stages_and_progress(plain, single_frame_blocks):
     listener = Listener()
     extract(plain, listener)
     in_order = list(dict.fromkeys(listener.stages))
-    assert in_order == ["open", "bind", "factor", "read", "solve", "measure", "write"]
+    assert in_order == ["open", "bind", "factor", "read", "solve", "measure", "write", "try"]
     assert listener.counts[-6:] == [(18, 18), *((k, 5) for k in range(1, 6))]
 
 

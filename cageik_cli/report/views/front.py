@@ -181,10 +181,19 @@ def list_verdict_rows(report: Report) -> list[tuple[str, str]]:
     if report.quality is not None and report.counted.max_deviation_percent < EXACT_ERROR_TOL:
         average = f"{words}exact"
     kept = [] if report.kept is None else [("data", text) for text in _describe_data(report.kept)]
-    better = [] if report.better is None else [("better", report.better)]
+    better = [] if report.better is None else [("better", report.better + _format_gain(report))]
     deviation = report.counted.max_deviation_percent
     place = [] if deviation < EXACT_ERROR_TOL else [("look at", _describe_worst_place(report))]
     return [(label, average), *kept, *place, *better]
+
+
+def _format_gain(report: Report) -> str:
+    """Say what the advised step has gained where it was tried; nothing if it was not."""
+    gain = report.gain
+    if gain is None:
+        return ""
+    before, after = map(_format_error, (gain.before_percent, gain.after_percent))
+    return f" ({before} to {after} on {format_count(gain.frames, 'frame')})"
 
 
 def _take_fitting(texts: Iterable[str]) -> str:

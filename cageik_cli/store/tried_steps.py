@@ -1,0 +1,60 @@
+"""What a run has tried on some frames of its clip, so that it advises only what helps."""
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+import h5py
+
+from cageik_cli.store.hdf5_fields import parse_record, read_json_attr
+from cageik_cli.util.errors import FormatError
+
+MAX_HELPFUL_SHARE = 0.95
+"""A step helps if it leaves at most this share of the error: less is within what frames differ."""
+
+
+class Step(StrEnum):
+    """A step that may lower the error of a clip, or raise it."""
+
+    ROBUST = "robust"
+    FIT = "fit"
+    ROBUST_FIT = "robust, fit"
+
+
+@dataclass(frozen=True, slots=True)
+class TriedStep:
+    """A step that was tried: the errors of some frames without and with it.
+
+    Attributes
+    ----------
+    step : Step
+    before_percent, after_percent : float
+        Root mean square over the frames that were measured, in percent of the diagonal.
+    frames : int
+        How many these are.
+    """
+
+    step: Step
+    before_percent: float
+    after_percent: float
+    frames: int
+
+    @property
+    def has_helped(self) -> bool:
+        """Whether the error was clearly smaller with the step."""
+        return self.before_percent > 0 and (
+            self.after_percent <= MAX_HELPFUL_SHARE * self.before_percent
+        )
+
+
+def read_tried_steps(file: h5py.File) -> tuple[TriedStep, ...] | None:
+    """Read the steps that were tried; None if the result was written by a version that did not."""
+    if "tried" not in file.attrs:
+        return None
+    held = read_json_attr(file, "tried", list)
+    found: tuple[TriedStep, ...] = parse_record(tuple[TriedStep, ...], held, "tried")
+    for one in found:
+        if not (min(one.before_percent, one.after_percent) >= 0 and one.frames > 0):
+            raise FormatError(
+                "attribute `tried` has an error below 0, or of no frame; extract it again"
+            )
+    return found
