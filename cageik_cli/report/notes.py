@@ -10,6 +10,7 @@ import numpy as np
 
 from cageik_cli.cages.settings import BuildSettings
 from cageik_cli.captured.robust import MIN_OUTLIER_RATIO, average_neighbours
+from cageik_cli.captured.settings import AUTO_SMOOTHING
 from cageik_cli.geometry.mesh import signed_volumes
 from cageik_cli.geometry.parts import name_vertex
 from cageik_cli.method.solve.regions import Cause
@@ -371,6 +372,9 @@ def suggest_step(result: Result, rms_percent: float, max_deviation_percent: floa
     on some frames of the clip and has helped, or that cannot hurt. Parameters are keywords in
     backticks, as in messages, and all that is to be given.
     """
+    smooth = find_tried(result, Step.SMOOTH)
+    if smooth is not None and smooth.has_helped:
+        return Advice(_describe_step(Step.SMOOTH, result), smooth)
     if is_invisible(rms_percent, max_deviation_percent):
         return None
     # Weights of a cage that is built are fitted, unless the input has outliers.
@@ -397,6 +401,8 @@ def _describe_step(step: Step, result: Result) -> Text:
         return _repeat(say("`robust=True`"))
     if step == Step.ROBUST_FIT:
         return _repeat(say("`robust=True` `fit=True`"))
+    if step == Step.SMOOTH:
+        return _repeat(Hint("smooth", AUTO_SMOOTHING))
     if "binding" in result.sources:
         return say("bind again with `fit=FRAMES`, then extract with that `binding=`")
     return _repeat(say("`fit=True`"))

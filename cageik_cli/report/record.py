@@ -27,7 +27,7 @@ from cageik_cli.report.fit_rows import (
     measure_gap_closed,
 )
 from cageik_cli.report.limits import LimitCheck, Limits, check_limits
-from cageik_cli.report.notes import judge_quality, list_notes, suggest_step
+from cageik_cli.report.notes import MAX_FAIR_RMS, judge_quality, list_notes, suggest_step
 from cageik_cli.report.regions import (
     PartRecord,
     RegionRecord,
@@ -43,13 +43,17 @@ from cageik_cli.report.vocabulary import (
 )
 from cageik_cli.store.result import Result, StoredAnimation
 from cageik_cli.store.result_fields import export_fields
-from cageik_cli.store.tried_steps import TriedStep
+from cageik_cli.store.tried_steps import HiddenErrors, TriedStep
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.messages import Note, Spelling, spell, spell_keyword
 from cageik_cli.util.text import to_unicode
 
 MAX_WORST_VERTICES = 10
 """Worst vertices that a report lists."""
+
+
+MAX_UNKNOWN_PERCENT = 1.0
+"""Percentage of vertices that may be missing, and not be measured, in a result that is good."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -66,7 +70,8 @@ class Report:
     `filled` are the skipped frames whose cages were filled from those around them.
     `quality` is a key of `QUALITY_WORDS`, and `better` the one step that would help most; both are
     None for an edit, `better` also where there is no such step. `gain` is what that step has gained
-    on some frames; None if it was not tried, as it cannot hurt.
+    on some frames; None if it was not tried, as it cannot hurt. `hidden` are the errors of vertices
+    that were hidden on purpose, as others are missing; None if none are.
     """
 
     schema: int
@@ -92,6 +97,7 @@ class Report:
     quality: str | None = None
     better: str | None = None
     gain: TriedStep | None = None
+    hidden: HiddenErrors | None = None
 
     @property
     def verdict(self) -> str | None:
@@ -175,8 +181,7 @@ def build_report(
 def _judge(result: Result, summary: ReportSummary, spelling: Spelling) -> dict[str, Any]:
     """Return the fields of a report on how well frames were followed, and what would help."""
     kept = _build_kept(result)
-    counted = summary if kept is None else kept
-    errors = counted.rms_percent, counted.max_deviation_percent
+    errors = judge_errors(summary if kept is None else kept, result.hidden)
     better = suggest_step(result, *errors)
     return {
         "regions": build_regions(result),
@@ -187,6 +192,24 @@ def _judge(result: Result, summary: ReportSummary, spelling: Spelling) -> dict[s
         "better": None if better is None else spell(better.step, spelling),
         "gain": None if better is None else better.gain,
     }
+
+
+def judge_errors(
+    counted: ReportSummary | KeptSummary, hidden: HiddenErrors | None
+) -> tuple[float, float]:
+    """Return the rms and the largest error that the word on a result is of, in percent.
+
+    Missing vertices count as those do that were hidden on purpose. If none were, and many are
+    missing, nothing is known to be good.
+    """
+    rms, largest = counted.rms_percent, counted.max_deviation_percent
+    missing = counted.missing_percent / 100 if isinstance(counted, KeptSummary) else 0.0
+    if hidden is not None:
+        both = np.sqrt((1 - missing) * rms**2 + missing * hidden.rms_percent**2)
+        return float(both), max(largest, hidden.largest_percent)
+    if 100 * missing > MAX_UNKNOWN_PERCENT:
+        return max(rms, MAX_FAIR_RMS), largest
+    return rms, largest
 
 
 def _build_frames(result: StoredAnimation, spelling: Spelling) -> tuple[FrameRecord, ...]:

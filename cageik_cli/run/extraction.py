@@ -79,7 +79,7 @@ from cageik_cli.store.result import (
     read_result,
     smoothed_path,
 )
-from cageik_cli.store.tried_steps import TriedStep
+from cageik_cli.store.tried_steps import HiddenErrors, TriedStep
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import FileAccessError, error_context, join_truncated
 from cageik_cli.util.messages import Note, Said, say
@@ -357,7 +357,7 @@ class Extraction:
             "notes": notes + self._fit_notes,
             "quality": solver.quality,
         }
-        output, tried = settings.output, self._try_steps(checkpoint.summary)
+        output, (tried, hidden) = settings.output, self._try_steps(checkpoint.summary)
         with self.progress.stage("write"):
             composer = _ResultComposer(
                 checkpoint, self.stored, self.sequence, self.rest_index, unsmoothed
@@ -373,26 +373,28 @@ class Extraction:
                 has_kept=self.weighs_frames,
                 temporary_path=output.with_name(f"{output.name}.whole.partial"),
             ) as result:
-                last = {"sources": self.sources, "filled": self.filled, "tried": tried}
+                last: dict[str, Any] = {"sources": self.sources, "filled": self.filled}
+                last |= {"tried": tried, "hidden": hidden}
                 composer.write(result, last, self._make_baseline_solver())
 
-    def _try_steps(self, summary: ClipSummary) -> tuple[TriedStep, ...]:
-        """Try steps that may lower the error, and may be advised for that."""
+    def _try_steps(self, summary: ClipSummary) -> tuple[tuple[TriedStep, ...], HiddenErrors | None]:
+        """Try steps that may lower the error, and measure what was missing."""
         settings = self.settings
         assert self.stored is not None
         if len(summary.skipped) == summary.frames_done:
-            return ()
+            return (), None
         trials = StepTrials(
             settings,
             self.block_solver,
             self.stored,
             summary,
             self.vertex_weights,
+            fps=self.scene.fps,
             takes_fit=self.stored.fit is None and settings.keep_weights and not self.weighs_frames,
             rejects_outliers=not (settings.capture.robust or self._states_high_norm),
         )
         with self.progress.stage("try"):
-            return trials.run()
+            return trials.run(), trials.hidden
 
     def _make_baseline_solver(self) -> DualLaplacianSolver | None:
         """Return the solver with the weights before the fit, if the result compares them.

@@ -6,7 +6,7 @@ frames are solved again. Those are the vertices whose place no motion around the
 around has moved.
 """
 
-from collections.abc import Callable, Generator, Iterator
+from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -23,7 +23,7 @@ from cageik_cli.geometry.frames import Block
 from cageik_cli.geometry.rotations import nearest_rotations_by_svd
 from cageik_cli.method.solve.blocks import BlockSolver, SolvedBlock
 from cageik_cli.method.solve.dual_laplacian import DualLaplacianSolver, Solution
-from cageik_cli.method.solve.summary import OcclusionTracker
+from cageik_cli.method.solve.summary import OcclusionTracker, summarize_blocks
 from cageik_cli.method.weights.binding import Poses, reconstruct_frames
 from cageik_cli.run.executor import choose_block_size
 from cageik_cli.run.settings import ExtractSettings
@@ -173,6 +173,32 @@ def _run_time_pass(
     return tuple(filled)
 
 
+class _HeldFrames:
+    """Solved frames in memory, in the place of a checkpoint."""
+
+    def __init__(self, blocks: Sequence[SolvedBlock]) -> None:
+        self.summary, self._held = summarize_blocks(blocks), blocks
+
+    def blocks(self) -> Iterator[SolvedBlock]:
+        """Yield the blocks in order."""
+        return iter(self._held)
+
+
+def smooth_frames(
+    solver: DualLaplacianSolver,
+    blocks: Sequence[SolvedBlock],
+    settings: CaptureSettings,
+    fps: float,
+) -> Poses:
+    """Return the poses of the frames of captured blocks, smoothed and filled as a run does.
+
+    Gaps that are not filled have nan.
+    """
+    windows = _TimePass(solver, _HeldFrames(blocks), settings, fps).run()
+    cages = np.concatenate([window.cages for window in windows])
+    return Poses(cages, find_rotations(solver, np.nan_to_num(cages)))
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class _SmoothedFrames:
     """The cages of all frames, in order, by blocks.
@@ -196,20 +222,20 @@ class _TimePass:
 
     Parameters
     ----------
-    checkpoint : Checkpoint
+    checkpoint : Checkpoint or _HeldFrames
         Of all frames, solved one by one.
     """
 
     def __init__(
         self,
         solver: DualLaplacianSolver,
-        checkpoint: Checkpoint,
+        checkpoint: "Checkpoint | _HeldFrames",
         settings: CaptureSettings,
         fps: float,
     ) -> None:
         self._solver, self._checkpoint = solver, checkpoint
         self._settings, self._fps = settings, fps
-        self._count = len(checkpoint.spec.frames)
+        self._count = checkpoint.summary.frames_done
         self._filler, self._smoother = TimeFiller(solver), TimeSmoother(solver)
         self._is_known = np.ones(self._count, bool)
         self._is_known[list(checkpoint.summary.skipped)] = False

@@ -5,6 +5,9 @@ is compared with that of the run. For 10 000 vertices and a cage of 120, a fit t
 processor time, and where the input has outliers, their rejection 2 s. Frames, and so the figures,
 do not depend on the number of threads.
 
+- Cages are smoothed by the strength that is found, where data is missing or a period is stated.
+  Data that is there is hidden on purpose, and the error is that of what was hidden. It also tells
+  how far off missing data may be, for which no other figure does.
 - A fit is made to every second of the frames, in few rounds, and measured on the others.
 - Outliers are rejected where the input has some, whatever the reconstruction misses: rejecting what
   the cage cannot follow would make it follow less. Errors are measured to where the neighbours tell
@@ -13,31 +16,37 @@ do not depend on the number of threads.
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from typing import Literal
 
 import numpy as np
 
-from cageik_cli.captured.frames import CapturedBlockSolver, measure_tolerances
+from cageik_cli.captured.frames import CapturedBlockSolver, complete_frames, measure_tolerances
 from cageik_cli.captured.robust import RobustSolver, average_neighbours, find_outlier_vertices
+from cageik_cli.captured.settings import AUTO_SMOOTHING, CaptureSettings
 from cageik_cli.fit.settings import DEFAULT_STRENGTH, FitSettings
 from cageik_cli.formats.base.sequence import MeshSequence, as_sequence
 from cageik_cli.geometry.frames import Block
 from cageik_cli.inputs.clip import VertexWeights
-from cageik_cli.method.solve.blocks import BlockSolver
+from cageik_cli.method.solve.blocks import BlockSolver, SolvedBlock
 from cageik_cli.method.solve.dual_laplacian import DualLaplacianSolver
 from cageik_cli.method.solve.settings import SolveSettings
-from cageik_cli.method.solve.summary import ClipSummary
-from cageik_cli.method.weights.binding import Binding
+from cageik_cli.method.solve.summary import ClipSummary, summarize_blocks
+from cageik_cli.method.weights.binding import Binding, reconstruct_frames
 from cageik_cli.report.notes import is_invisible
 from cageik_cli.run.settings import ExtractSettings
+from cageik_cli.run.time_pass import smooth_frames
 from cageik_cli.store.binding_file import StoredBinding
-from cageik_cli.store.tried_steps import Step, TriedStep
-from cageik_cli.util.arrays import Floats, Mask, spread_evenly
-from cageik_cli.util.errors import CageError
+from cageik_cli.store.tried_steps import HiddenErrors, Step, TriedStep
+from cageik_cli.util.arrays import Floats, Integers, Mask, count_frames, spread_evenly
+from cageik_cli.util.errors import CageError, FormatError, InputError
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.util.threads import limit_blas_threads
 
 MAX_TRIED_FRAMES = 24
 """Frames that a step is tried on: the half of them, or all, are evenly spread over the clip."""
+
+MIN_SMOOTHED_FRAMES, MAX_SMOOTHED_FRAMES = 8, 32
+"""Frames in a row that smoothing is tried on: in the middle of the longest row without a gap."""
 
 MAX_REJECTED_FRAMES = 8
 """Frames in which outliers are rejected, which takes as long as to solve tens of others: half of
@@ -78,18 +87,26 @@ class StepTrials:
         summary: ClipSummary,
         vertex_weights: VertexWeights,
         *,
+        fps: float,
         takes_fit: bool,
         rejects_outliers: bool,
     ) -> None:
         self._settings, self._block_solver, self._stored = settings, block_solver, stored
         self._binding, self._sequence = stored.binding, block_solver.sequence
         self._summary, self._vertex_weights = summary, vertex_weights
+        self.hidden: HiddenErrors | None = None
+        self._fps = fps
         self._takes_fit, self._rejects_outliers = takes_fit, rejects_outliers
         self._frame_count = summary.frames_done
         self._known = np.setdiff1d(np.arange(self._frame_count), list(summary.skipped))
 
     def run(self) -> tuple[TriedStep, ...]:
         """Try what may be advised, and measure what it gains; nothing where no error is seen."""
+        if isinstance(self._block_solver, CapturedBlockSolver):
+            with limit_blas_threads(1):
+                tried = tuple(self._try_smoothing(self._block_solver))
+            if any(one.has_helped for one in tried):
+                return tried
         percent = 100 / self._binding.rest.diagonal
         rms = percent * float(np.sqrt(np.nanmean(self._summary.frame_rms**2)))
         if is_invisible(rms, percent * float(self._summary.peaks.deviations.max())):
@@ -114,6 +131,117 @@ class StepTrials:
         rest, read = self._binding.rest, self._sequence.read_frame
         found = {k: find_outlier_vertices(rest, read(k)) for k in frames}
         return dict(sorted(found.items(), key=lambda item: -item[1].sum()))
+
+    def _try_smoothing(self, solver: CapturedBlockSolver[MeshSequence]) -> Iterator[TriedStep]:
+        """Smooth frames with the strength that is found, in place of none or a stated one.
+
+        It is measured where data is hidden on purpose: as in other frames, if any is missing; else
+        all of each fourth frame.
+        """
+        chosen, (m, _) = self._settings.capture.smooth, self._binding.weights.shape
+        runs = np.split(self._known, np.flatnonzero(np.diff(self._known) > 1) + 1)
+        longest = max(runs, key=len)
+        memory = max(self._settings.memory, FREE_MEMORY)
+        most = min(MAX_SMOOTHED_FRAMES, count_frames(memory, m, arrays=6))
+        frames = longest[max(0, (len(longest) - most) // 2) :][:most]
+        if len(frames) < MIN_SMOOTHED_FRAMES:
+            return
+        seen = np.stack([self._sequence.read_frame(int(k)) for k in frames])
+        is_missing = np.isnan(seen[..., 0])
+        is_hidden = np.zeros_like(is_missing)
+        if is_missing.any():
+            is_hidden = self._hide_elsewhere(frames, is_missing)
+        has_missing = bool(is_hidden.any())
+        if not has_missing:
+            if not isinstance(chosen, float | int):
+                return
+            is_hidden[2:-2:4] = ~is_missing[2:-2:4]
+        blocks = self._solve_hidden(solver, frames, seen, is_hidden)
+        is_hidden &= solver.solver.vertex_weights > 0
+        for positions, hidden in zip(seen, is_hidden, strict=True):
+            hidden &= ~find_outlier_vertices(self._binding.rest, positions)
+        share = float(is_missing.mean()) if has_missing else 1.0
+        tried: list[float | Literal["auto"] | None] = [chosen]
+        tried += [] if chosen == AUTO_SMOOTHING else [AUTO_SMOOTHING]
+        found = [self._measure_hidden(blocks, seen, is_hidden, one) for one in tried]
+        measured = [one for one in found if one is not None]
+        if has_missing and measured:
+            self.hidden = measured[0][0]
+        # What is seen counts, too, which smoothing may take away.
+        totals = [
+            float(np.sqrt(share * hidden.rms_percent**2 + (1 - share) * rms**2))
+            for hidden, rms in measured
+        ]
+        if len(totals) == 2:
+            yield TriedStep(Step.SMOOTH, totals[0], totals[1], measured[0][0].frames)
+
+    def _hide_elsewhere(self, frames: Integers, is_missing: Mask) -> Mask:
+        """Choose what to hide in frames, (k, m), as other frames of the clip have it missing.
+
+        Those frames are so many later that both pieces overlap or touch least: one larger piece
+        would say nothing of the smaller one. Where they do, nothing is hidden.
+        """
+        first, second = self._binding.rest.edges.ends.T
+        count, best = len(self._known), np.zeros_like(is_missing)
+        places = np.searchsorted(self._known, frames)
+        for eighth in range(1, 8):
+            later = self._known[(places + max(1, count * eighth // 8)) % count]
+            hidden = np.stack([np.isnan(self._sequence.read_frame(int(k))[:, 0]) for k in later])
+            is_apart = ~(is_missing & hidden).any(axis=1)
+            for one, other in ((first, second), (second, first)):
+                is_apart &= ~(is_missing[:, one] & hidden[:, other]).any(axis=1)
+            hidden[~is_apart] = False
+            best = hidden if hidden.sum() > best.sum() else best
+        return best
+
+    def _solve_hidden(
+        self,
+        solver: CapturedBlockSolver[MeshSequence],
+        frames: Integers,
+        seen: Floats,
+        is_hidden: Mask,
+    ) -> list[SolvedBlock]:
+        """Solve frames, (k, m, 3), of which some vertices, (k, m), are hidden; or all: a gap."""
+        weights, blocks = self._vertex_weights.frames, []
+        for k, (positions, hidden) in enumerate(zip(seen, is_hidden, strict=True)):
+            left = np.where(hidden[:, None], np.nan, positions)
+            errors: dict[int, InputError] = {}
+            if np.isnan(left).all():
+                errors, left = {k: FormatError("hidden")}, self._binding.rest.vertices
+            given = None if weights is None else weights.read(int(frames[k]), int(frames[k]) + 1)
+            completed, given = complete_frames(solver.solver, left[None], given)
+            block, solution = Block(k, completed, errors), solver.robust.solve(completed, given)
+            blocks.append(solver.measure_block(block, given, solution, (b"",)))
+        return blocks
+
+    def _measure_hidden(
+        self,
+        blocks: Sequence[SolvedBlock],
+        seen: Floats,
+        is_hidden: Mask,
+        smooth: float | Literal["auto"] | None,
+    ) -> tuple[HiddenErrors, float] | None:
+        """Measure the vertices that were hidden, (k, m), in smoothed frames; None without any.
+
+        The second figure is the rms of those that are seen, in percent of the diagonal. Those that
+        are hidden for too long count in no way: time does not tell where they are.
+        """
+        settings = CaptureSettings(smooth=smooth, fill_gaps=True)
+        solver = self._block_solver.solver
+        poses = smooth_frames(solver, blocks, settings, self._fps)
+        errors = np.linalg.norm(seen - reconstruct_frames(self._binding, poses), axis=2)
+        occlusions = summarize_blocks(blocks).occlusions
+        is_counted = is_hidden & np.isfinite(errors)
+        for k in range(len(seen)):
+            if occlusions is not None:
+                is_counted[k, occlusions.find_long(k)] = False
+        errors *= 100 / self._binding.rest.diagonal
+        hidden, others = errors[is_counted], errors[~is_hidden & np.isfinite(errors)]
+        if not (len(hidden) and len(others)):
+            return None
+        rms, rest = (float(np.sqrt(np.mean(part**2))) for part in (hidden, others))
+        frames = int(is_counted.any(axis=1).sum())
+        return HiddenErrors(rms, float(hidden.max()), frames), rest
 
     def _try_robust(self, spread: Sequence[int], outliers: dict[int, Mask]) -> Iterator[TriedStep]:
         """Reject outliers, with the weights that such a run has, and with fitted ones.

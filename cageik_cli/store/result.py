@@ -55,7 +55,12 @@ from cageik_cli.store.hdf5_fields import (
     write_meshes,
 )
 from cageik_cli.store.result_fields import ClipSizes, declare_field, list_fields
-from cageik_cli.store.tried_steps import TriedStep, read_tried_steps
+from cageik_cli.store.tried_steps import (
+    HiddenErrors,
+    TriedStep,
+    read_hidden_errors,
+    read_tried_steps,
+)
 from cageik_cli.util.arrays import Floats, Integers, fill_gaps
 from cageik_cli.util.errors import (
     CheckpointError,
@@ -199,6 +204,8 @@ class Result(StoredAnimation):
     tried : tuple of TriedStep, optional
         What was tried on some frames, and how much it helped; nothing where the error is small.
         None if the result was written by a version that tried nothing.
+    hidden : HiddenErrors, optional
+        Errors of vertices that were hidden on purpose; None if none are missing.
 
     Examples
     --------
@@ -227,6 +234,9 @@ class Result(StoredAnimation):
     )
     tried: tuple[TriedStep, ...] | None = declare_field(
         lambda file, _: read_tried_steps(file), default=None
+    )
+    hidden: HiddenErrors | None = declare_field(
+        lambda file, _: read_hidden_errors(file), default=None, export="hidden"
     )
 
     @property

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from cageik_cli.method.solve.regions import Cause
+from cageik_cli.report.figures import KeptSummary
 from cageik_cli.report.notes import (
     MAX_FAIR_DEVIATION,
     MAX_FAIR_RMS,
@@ -16,9 +17,9 @@ from cageik_cli.report.notes import (
     judge_quality,
     suggest_step,
 )
-from cageik_cli.report.record import build_report
+from cageik_cli.report.record import build_report, judge_errors
 from cageik_cli.report.views.front import list_verdict_rows
-from cageik_cli.store.tried_steps import Step, TriedStep
+from cageik_cli.store.tried_steps import HiddenErrors, Step, TriedStep
 from cageik_cli.util.messages import Note
 from tests.shapes import ball
 
@@ -167,3 +168,43 @@ def test_warnings_come_first_then_notes_on_the_result_then_those_on_files(closed
     found = build_report(noted).notes
     assert (found[0], found[-1]) == (inward, unit)
     assert len(found) > 2
+
+
+def make_kept(missing):
+    return KeptSummary(0.1, 1.0, missing, 1, "a", 0.0, 0, "a")
+
+
+@pytest.mark.parametrize(
+    ("missing", "hidden", "word"),
+    [
+        (0.5, None, "good"),
+        (20.0, None, "fair"),  # nobody knows
+        (20.0, HiddenErrors(0.2, 2.0, 9), "good"),
+        (20.0, HiddenErrors(0.2, 4.0, 9), "fair"),
+        (20.0, HiddenErrors(1.0, 2.0, 9), "fair"),
+        (20.0, HiddenErrors(3.0, 5.0, 9), "poor"),
+    ],
+)
+def test_what_is_missing_counts_in_the_word_as_what_was_hidden(missing, hidden, word):
+    assert judge_quality(*judge_errors(make_kept(missing), hidden)) == word
+
+
+def test_the_error_of_hidden_data_is_said(closed):
+    report = build_report(closed.result)
+    report = replace(report, kept=make_kept(20.0), hidden=HiddenErrors(0.5, 2.0, 9))
+    frames = tuple(
+        replace(frame, rms_kept_percent=0.1, max_deviation_kept_percent=1.0)
+        for frame in report.frames
+    )
+    (text,) = [
+        text for label, text in list_verdict_rows(replace(report, frames=frames)) if label == "data"
+    ]
+    assert text.startswith("20 % of the vertices are missing")
+    assert text.endswith("(others, hidden on purpose, are off by 0.50 %)")
+
+
+def test_smoothing_is_advised_first_and_however_small_the_visible_error(closed):
+    tried = try_step(closed.result, Step.SMOOTH)
+    step = "extract again with `smooth=auto` `overwrite=True`"
+    assert suggest_step(tried, 0.0, 0.0) == Advice(step, tried.tried[0])
+    assert suggest_step(try_step(closed.result, Step.SMOOTH, after=0.9), 1.0, 5.0) is None

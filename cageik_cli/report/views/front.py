@@ -9,7 +9,6 @@ from cageik_cli.formats.timeline import format_frame_number
 from cageik_cli.method.solve.regions import Cause
 from cageik_cli.report.figures import (
     FrameRecord,
-    KeptSummary,
     format_briefly,
     format_scene_length,
 )
@@ -180,7 +179,7 @@ def list_verdict_rows(report: Report) -> list[tuple[str, str]]:
     )
     if report.quality is not None and report.counted.max_deviation_percent < EXACT_ERROR_TOL:
         average = f"{words}exact"
-    kept = [] if report.kept is None else [("data", text) for text in _describe_data(report.kept)]
+    kept = [] if report.kept is None else [("data", text) for text in _describe_data(report)]
     better = [] if report.better is None else [("better", report.better + _format_gain(report))]
     deviation = report.counted.max_deviation_percent
     place = [] if deviation < EXACT_ERROR_TOL else [("look at", _describe_worst_place(report))]
@@ -216,18 +215,27 @@ def find_worst_frame(report: Report, metric: str) -> tuple[FrameRecord, float]:
     return worst, known[worst]
 
 
-def _describe_data(kept: KeptSummary) -> list[str]:
-    """Say in a row how much of the data does not count in the figures; in none if all does."""
+def _describe_data(report: Report) -> list[str]:
+    """Say in a row how much of the data does not count in the figures; in none if all does.
+
+    How far off missing data may be is what was measured on data that was hidden on purpose.
+    """
+    kept, hidden = report.kept, report.hidden
+    assert kept is not None
     missing, rejected = (
         f"{format_briefly(percent)} % of the"
         for percent in (kept.missing_percent, kept.rejected_percent)
     )
+    off = ""
+    if hidden is not None:
+        off = f" (others, hidden on purpose, are off by {_format_error(hidden.rms_percent)})"
     if kept.missing_percent and kept.rejected_percent:
         return [
-            f"{missing} vertices are missing, and {rejected} others rejected; neither counts here"
+            f"{missing} vertices are missing{off}, and {rejected} others rejected; neither counts "
+            "here"
         ]
     if kept.missing_percent:
-        return [f"{missing} vertices are missing; they do not count here"]
+        return [f"{missing} vertices are missing; they do not count here{off}"]
     if kept.rejected_percent:
         return [f"{rejected} vertices are rejected; they do not count here"]
     return []
