@@ -60,7 +60,7 @@ def without(key):
 NAN = float("nan")
 FAULTS = {
     "no JSON": ("{", "line 1, column 2"),
-    "empty": ("", "line 1, column 1"),
+    "empty": ("", "the file is empty"),
     "no text": (b"\xff\xfe\x00", "byte 0"),
     "nan": (json.dumps(record(rms_percent=NAN)), "NaN"),
     "infinite": (json.dumps(record(rms_percent=-float("inf"))), "-Infinity"),

@@ -132,7 +132,7 @@ def parse(option, value):
 
 @pytest.mark.parametrize(
     "value",
-    ["", "%", "units", "-1", "-0.5%", "-1units", "nan", "inf%", "1e400", "0.5 percent", "1_0",
+    ["%", "units", "-1", "-0.5%", "-1units", "nan", "inf%", "1e400", "0.5 percent", "1_0",
      "1,5%", "0x1%", "%5", "1%%", "1unit", "1%units", "٣%", "1e", "1e9999%"],
 )  # fmt: skip
 def test_anything_else_is_no_limit(value):
