@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 
+from cageik_cli.geometry import mirror as module
 from cageik_cli.geometry.mirror import PAIR_TOL, Mirror, are_pairs, find_mirror
 from cageik_cli.util.errors import HandlesError
 from tests.shapes import ball, box, moved, quad_box, rotation
@@ -70,6 +71,116 @@ def test_points_without_a_plane_have_none_even_on_a_sphere():
     points = np.random.default_rng(2).normal(size=(300, 3))
     assert find_mirror(points) is None
     assert find_mirror(points / np.linalg.norm(points, axis=1)[:, None]) is None
+
+
+class CountingCells(module._Cells):
+    """Counts the planes that all vertices were compared for, and the work of all."""
+
+    planes, made = 0, None
+
+    def __init__(self, *arguments):
+        super().__init__(*arguments)
+        CountingCells.made = self
+
+    def find_pairs(self, mirror):
+        CountingCells.planes += 1
+        return super().find_pairs(mirror)
+
+
+def make_halves(count: int) -> np.ndarray:
+    half = np.random.default_rng(0).normal(size=(count // 2, 3)) * [1, 2, 0.7]
+    half[:, 0] = np.abs(half[:, 0]) + 0.1
+    return half
+
+
+def make_touching(distance: float) -> np.ndarray:
+    """Make mirrored halves, of which two pairs are at the same places."""
+    half = make_halves(1200)
+    half[3] = half[7]
+    points = np.concatenate([half, half * [-1, 1, 1]])
+    points[3, 1] += distance
+    points[603, 1] -= distance  # the nearest is the other one's partner
+    return points @ rotation(1)
+
+
+def make_prism(last: np.ndarray) -> np.ndarray:
+    """Make a prism of as many planes as it has sides, and a vertex that none of them mirrors."""
+    angles = np.linspace(0, 2 * np.pi, 300, endpoint=False)
+    ring = np.column_stack([np.cos(angles), np.sin(angles), 0 * angles])
+    prism = np.concatenate([ring, ring + np.eye(3)[2], 2 * ring, 2 * ring + np.eye(3)[2]])
+    return np.concatenate([prism, prism[:1] + last]) @ rotation(2)
+
+
+def make_cluster(size: float) -> np.ndarray:
+    """Make a far vertex and a ball of vertices, which are all as far from the centre."""
+    points = size * np.random.default_rng(0).normal(size=(1200, 3))
+    points[0] = [1, 0, 0]
+    return points
+
+
+def make_sphere() -> np.ndarray:
+    points = np.random.default_rng(0).normal(size=(1200, 3))
+    return points / np.linalg.norm(points, axis=1)[:, None]
+
+
+NO_PAIRS = {
+    "coincident": (lambda: make_touching(0.0), PAIR_TOL),
+    "nearly coincident": (lambda: make_touching(1e-7), PAIR_TOL),
+    "prism": (lambda: make_prism(np.array([0, 1e-9, 0])), PAIR_TOL),
+    "spoilt prism": (lambda: make_prism(np.array([0.1, 0.2, 0])), PAIR_TOL),
+    "small cluster": (lambda: make_cluster(1e-8), PAIR_TOL),
+    "cluster": (lambda: make_cluster(1e-4), 1e-3),
+    "sphere": (make_sphere, 1e-3),
+}
+
+
+@pytest.mark.parametrize("name", NO_PAIRS)
+def test_the_work_for_points_without_pairs_is_bounded(monkeypatch, name):
+    """Each pair of vertices names a plane, often one that was compared; each compares all."""
+    monkeypatch.setattr(module, "_Cells", CountingCells)
+    monkeypatch.setattr(CountingCells, "planes", 0)
+    monkeypatch.setattr(CountingCells, "made", None)
+    monkeypatch.setattr(module, "MAX_WORK", 2_000_000)
+    make_points, tolerance = NO_PAIRS[name]
+    points = make_points()
+    assert find_mirror(points, tolerance) is None
+    assert CountingCells.planes <= 60
+    if name == "coincident":
+        assert CountingCells.made is None
+    else:
+        assert CountingCells.made.work <= module.MAX_WORK + len(points) ** 2
+
+
+def test_a_plane_that_was_compared_is_not_compared_again(monkeypatch):
+    monkeypatch.setattr(module, "_Cells", CountingCells)
+    monkeypatch.setattr(CountingCells, "planes", 0)
+    assert find_mirror(make_touching(1e-7)) is None
+    assert CountingCells.planes < 5
+
+
+def test_beyond_the_work_nothing_is_found(monkeypatch):
+    points = make_twins(1) @ rotation(3).T
+    assert find_mirror(points) is not None
+    monkeypatch.setattr(module, "MAX_WORK", 3 * module.PLANE_WORK)
+    assert find_mirror(points) is None
+
+
+@pytest.mark.parametrize("block", [1, 50, 1 << 18])
+def test_the_nearest_are_those_of_all(monkeypatch, block):
+    """In cells of one point and of many, on their sides, and with equal distances: the first."""
+    monkeypatch.setattr(module, "MAX_COMPARED", block)
+    generator = np.random.default_rng(4)
+    points = np.concatenate([generator.uniform(-1, 1, (60, 3)), generator.integers(-2, 3, (60, 3))])
+    queries = np.concatenate(
+        [points + generator.normal(0, 0.05, points.shape), points, [[9, 9, 9]]]
+    )
+    distances = np.linalg.norm(queries[:, None] - points, axis=2)
+    for reach in (0.0, 0.01, 0.1, 1.0, 20.0):
+        found, nearest = module._Cells(points, reach).find_nearest(queries)
+        is_near = distances.min(axis=1) <= reach
+        expected = np.where(is_near, distances.min(axis=1), np.inf)
+        np.testing.assert_allclose(found, expected, rtol=1e-12, atol=0)
+        np.testing.assert_array_equal(nearest, np.where(is_near, distances.argmin(axis=1), 0))
 
 
 def test_polygons_are_mirrored_where_triangles_are_not():

@@ -198,7 +198,7 @@ def _measure_cage(cage: TriMesh, is_manifold: bool) -> CageFacts:
     angles = np.where(degenerate_face_mask(cage), np.inf, corner_angles(cage).min(axis=1))
     face = int(angles.argmin())
     measured = bool(np.isfinite(angles[face]))
-    is_small = len(cage.faces) <= MAX_HARMONIC_FACES  # looking for pairs takes n² steps
+    is_small = len(cage.faces) <= MAX_HARMONIC_FACES  # else it cannot be bound
     mirror = find_mirror(cage.vertices) if is_small else None
     is_symmetric = mirror is not None and mirror.mirrors_polygons(cage)
     return CageFacts(
