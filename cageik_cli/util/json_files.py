@@ -3,7 +3,7 @@
 import json
 import math
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -116,26 +116,38 @@ def _check_containers(
 ) -> None:
     """Refuse deep nesting, a repeated key of an object (by its id), and numbers not finite.
 
-    Lists and objects are looked at in the file's order. The document itself is in a list, so that
-    it may be a number: all steps begin with 0.
+    Lists and objects are looked at in the file's order; of millions, only those above one are kept.
+    The document itself is in a list, so that it may be a number: all steps begin with 0.
     """
-    waiting: list[tuple[Any, Any]] = [((), [document])]
-    while waiting:
-        steps, container = waiting.pop()
+    steps: list[str | int] = []
+    above: list[Iterator[tuple[str | int, Any]]] = []
+    container: Any = [document]
+    while True:
         if len(steps) > MAX_DEPTH:
             raise _make_depth_error(expected)
         if id(container) in repeated_keys:
             fault = f"has {format_value(repeated_keys[id(container)][1])} twice; keep one of them"
             raise _make_error(document, steps, fault, expected)
-        inner = []
-        items = container.items() if isinstance(container, dict) else enumerate(container)
-        for step, value in items:
-            if isinstance(value, dict | list):
-                inner.append(((*steps, step), value))
-            elif isinstance(value, float) and not math.isfinite(value):
+        for step, value in _list_items(container):
+            if isinstance(value, float) and not math.isfinite(value):
                 fault = f"is {format_value(value)}, expected a finite number"
                 raise _make_error(document, (*steps, step), fault, expected)
-        waiting += reversed(inner)
+        above.append(iter(_list_items(container)))
+        while above:
+            inner = next((item for item in above[-1] if isinstance(item[1], dict | list)), None)
+            if inner is not None:
+                break
+            above.pop()
+        else:
+            return
+        del steps[len(above) - 1 :]
+        steps.append(inner[0])
+        container = inner[1]
+
+
+def _list_items(container: Any) -> Iterable[tuple[str | int, Any]]:
+    """Return the steps into a list or an object, and what is there."""
+    return container.items() if isinstance(container, dict) else enumerate(container)
 
 
 def _make_error(document: Any, steps: Steps, fault: str, expected: JsonFormat) -> FormatError:
