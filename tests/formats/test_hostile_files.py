@@ -1,6 +1,7 @@
 """Small files that ask for much: each is read, or refused, in bounded time and memory."""
 
 import gzip
+import json
 import os
 import resource
 import subprocess
@@ -13,7 +14,9 @@ from alembic3d.AbcCoreAbstract import TimeSampling
 from alembic3d.AbcGeom import OFaceSetSchemaSample
 from pxr import Usd, UsdGeom, Vt
 
+from tests.formats.gltf.built import Built
 from tests.formats.kinds import FRAMES, KINDS, add_abc_mesh, imath
+from tests.shapes import TETRAHEDRON
 
 MOST_SECONDS = 10
 MOST_BYTES = 1 << 30
@@ -116,6 +119,85 @@ def damage_clip(path, place):
     path.write_bytes(data[:place] + (1).to_bytes(8, "little") + data[place + 8 :])
 
 
+def build_gltf():
+    """Build a tetrahedron in glTF."""
+    built = Built()
+    positions = built.array(TETRAHEDRON.vertices)
+    corners = built.array(TETRAHEDRON.faces.ravel(), "I")
+    primitive = {"attributes": {"POSITION": positions}, "indices": corners}
+    built.add("nodes", {"mesh": built.add("meshes", {"primitives": [primitive]})})
+    return built
+
+
+def write_points_of_nodes(path):
+    built = build_gltf()
+    points = built.add("meshes", {"primitives": [{"mode": 0, "attributes": {}}] * 3000})
+    built.json["nodes"] += [{"mesh": points}] * 3000
+    built.save(path)
+
+
+def write_channels(path):
+    """Channels of one sampler of many keys."""
+    built = build_gltf()
+    sampler = {"input": built.array(np.arange(100_000) / 24)}
+    sampler["output"] = built.array(np.zeros((100_000, 3)))
+    built.json["nodes"] += [{} for _ in range(5000)]
+    targets = [{"node": k, "path": "translation"} for k in range(1, 5001)]
+    channels = [{"sampler": 0, "target": target} for target in targets]
+    built.add("animations", {"samplers": [sampler], "channels": channels})
+    built.save(path)
+
+
+def write_targets(path):
+    """Morph targets that move nothing."""
+    built = Built()
+    points = built.array(np.random.default_rng(0).normal(size=(9999, 3)))
+    primitive = {"attributes": {"POSITION": points}, "targets": [{}] * 30_000}
+    built.add("nodes", {"mesh": built.add("meshes", {"primitives": [primitive]})})
+    built.save(path)
+
+
+def write_nodes(path):
+    built = build_gltf()
+    built.json["nodes"] += [{}] * 1_000_000
+    built.json["scenes"] = [{"nodes": [0]}]
+    built.save(path)
+
+
+def write_joints(path):
+    built = build_gltf()
+    (primitive,) = built.json["meshes"][0]["primitives"]
+    primitive["attributes"] |= {
+        "JOINTS_0": built.array(np.zeros((4, 4)), "B"),
+        "WEIGHTS_0": built.array(np.eye(4)[[0] * 4]),
+    }
+    built.json["nodes"][0]["skin"] = built.add("skins", {"joints": [0] * 2_000_000})
+    built.save(path)
+
+
+def write_named_files(path):
+    """One file that thousands of buffers name."""
+    count = 3000
+    (path.parent / "big.bin").write_bytes(np.random.default_rng(0).bytes(1 << 20))
+    accessor = {"componentType": 5121, "count": 3, "type": "VEC3"}
+    primitives = [{"attributes": {"POSITION": k}} for k in range(count)]
+    document = {
+        "asset": {"version": "2.0"},
+        "nodes": [{"mesh": 0}],
+        "buffers": [{"uri": "big.bin", "byteLength": 1 << 20}] * count,
+        "bufferViews": [{"buffer": k, "byteLength": 48} for k in range(count)],
+        "accessors": [accessor | {"bufferView": k} for k in range(count)],
+        "meshes": [{"primitives": primitives}],
+    }
+    path.write_text(json.dumps(document))
+
+
+def write_copies(path):
+    built = build_gltf()
+    built.json["nodes"] *= 40_000
+    built.save(path)
+
+
 FILES = {
     "wide_number.obj.gz": write_wide_number,
     "wide_colour.obj": write_wide_colour,
@@ -127,6 +209,13 @@ FILES = {
     "face_sets.abc": write_face_sets,
     "wide.stl": write_wide_stl,
     "solids.stl": write_many_solids,
+    "points.glb": write_points_of_nodes,
+    "channels.glb": write_channels,
+    "targets.glb": write_targets,
+    "nodes.glb": write_nodes,
+    "joints.glb": write_joints,
+    "named.gltf": write_named_files,
+    "copies.glb": write_copies,
     "ends_by_SIGABRT.usdc": lambda path: damage_clip(path, 96),
     "ends_by_SIGSEGV.abc": lambda path: damage_clip(path, 872),
 }

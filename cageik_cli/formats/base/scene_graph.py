@@ -260,17 +260,7 @@ class SceneReader(ClipFile):
         with error_context(path):
             self.check_file(path)
             if self.library:
-                fault = trials.find_fault(
-                    self.library,
-                    try_scene,
-                    type(self).__module__,
-                    str(path),
-                    request.member,
-                    request.settings.exclude,
-                    key=str(mark_file(path)),
-                )
-                if fault:
-                    raise FormatError(fault)
+                self.try_first(request, self.library)
             with self.guard() as warnings, trials.silence():
                 try:
                     notes = self._open_clip(path, request)
@@ -293,6 +283,20 @@ class SceneReader(ClipFile):
             else Note(each, place=path.name)
             for each in said
         )
+
+    def try_first(self, request: ClipRequest, library: str) -> None:
+        """Read a file in another process first, where that is wanted; refuse what fails there."""
+        fault = trials.find_fault(
+            library,
+            try_scene,
+            type(self).__module__,
+            str(request.path),
+            request.member,
+            request.settings.exclude,
+            key=str(mark_file(request.path)),
+        )
+        if fault:
+            raise FormatError(fault)
 
     def read_positions(self, index: int) -> Floats:
         """Read the vertices of one frame."""

@@ -8,22 +8,26 @@ import base64
 import binascii
 import re
 import struct
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from math import inf
 from pathlib import Path
-from typing import Any
+from time import thread_time
+from typing import Any, overload
 from urllib.parse import unquote
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cageik_cli.formats.base.files import ClaimedBytes
+from cageik_cli.formats.base.files import ClaimedBytes, compute_unpacked_limit
 from cageik_cli.geometry.mesh import MAX_COORDINATE
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import FileAccessError, FormatError, error_context
 from cageik_cli.util.files import read_input
 from cageik_cli.util.json_files import JsonFormat, format_value, parse_json
-from cageik_cli.util.text import single_line
+from cageik_cli.util.text import format_bytes, single_line
+from cageik_cli.util.trial import trials
 
 MAX_GLTF_BYTES = 2**32 - 1
 """Bytes of a glTF file and the files that it names, together: what a .glb file can state."""
@@ -55,6 +59,49 @@ COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5
 WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
 """Numbers of an element, by its type."""
 
+MAX_OBJECT_BYTES = 256 << 20
+"""Memory that nodes, joints and animated values may take in any case, and 40 times the file."""
+
+MAX_STRIDE = 2**31
+"""Bytes from one element to the next are below that; glTF allows 252."""
+
+LOOKS_PER_READING = 64
+"""Objects of the file between two readings of the clock, which take as long as one."""
+
+
+WATCHED_BYTES_PER_SECOND = 4 << 20
+"""Files of more bytes may take longer to open."""
+
+
+class TrialWanted(Exception):
+    """A file takes longer to open than ordinary ones of its size do."""
+
+
+class Watch:
+    """Raises `TrialWanted` when this thread has taken as many seconds of a processor.
+
+    It looks whenever an object of a file is looked at, or an array is read. So a product of numbers
+    in the file that is not counted elsewhere is found while it is computed.
+    """
+
+    def __init__(self, seconds: float = inf) -> None:
+        self._end, self._count = thread_time() + seconds, 0
+
+    def allow(self, size: int) -> None:
+        """Allow more seconds for more bytes."""
+        self._end += size / WATCHED_BYTES_PER_SECOND
+
+    def look(self) -> None:
+        """Look at the clock, now and then."""
+        self._count += 1
+        if self._count % LOOKS_PER_READING == 0:
+            self.read()
+
+    def read(self) -> None:
+        """Look at the clock."""
+        if thread_time() > self._end:
+            raise TrialWanted
+
 
 @dataclass(frozen=True, slots=True)
 class Item:
@@ -66,12 +113,16 @@ class Item:
         As the file has them, unchecked.
     place : str
         Where it is, for messages: `nodes[3]`; empty for the whole file.
+    watch : Watch
+        Looks whenever an object is looked at.
     """
 
     values: Any
     place: str
+    watch: Watch
 
     def __post_init__(self) -> None:
+        self.watch.look()
         if not isinstance(self.values, dict):
             raise self.make_error("", self.values, "an object")
 
@@ -99,6 +150,10 @@ class Item:
         """Return a whole number, which must be there."""
         return self._check_integer(name, self.values.get(name), below, lowest)
 
+    def count(self, name: str) -> int:
+        """Return how many values a list has."""
+        return len(self._read_list(name))
+
     def list_integers(self, name: str, below: int) -> Integers:
         """Return a list of whole numbers from 0 to below a bound, (k,); empty if it is absent."""
         values = self._read_list(name)
@@ -121,12 +176,13 @@ class Item:
 
     def find_item(self, name: str) -> "Item | None":
         """Return an object; None if it is absent."""
-        return Item(self.values[name], self.locate(name)) if self.has(name) else None
+        if not self.has(name):
+            return None
+        return Item(self.values[name], self.locate(name), self.watch)
 
-    def list_items(self, name: str) -> list["Item"]:
+    def list_items(self, name: str) -> "Items":
         """Return a list of objects; empty if it is absent."""
-        found = enumerate(self._read_list(name))
-        return [Item(value, f"{self.locate(name)}[{k}]") for k, value in found]
+        return Items(self._read_list(name), self.locate(name), self.watch)
 
     def list_texts(self, name: str) -> list[str]:
         """Return a list of texts; empty if it is absent."""
@@ -172,6 +228,34 @@ class Item:
         return int(value)
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Items(Sequence[Item]):
+    """A list of objects, which are made, and checked, as they are taken: there may be millions."""
+
+    values: list[Any]
+    place: str
+    watch: Watch
+
+    def __len__(self) -> int:
+        return len(self.values)
+
+    def __iter__(self) -> Iterator[Item]:
+        return (
+            Item(value, f"{self.place}[{k}]", self.watch) for k, value in enumerate(self.values)
+        )
+
+    @overload
+    def __getitem__(self, key: int) -> Item: ...
+
+    @overload
+    def __getitem__(self, key: slice) -> list[Item]: ...
+
+    def __getitem__(self, key: int | slice) -> Item | list[Item]:
+        if isinstance(key, slice):
+            return [self[k] for k in range(len(self))[key]]
+        return Item(self.values[key], f"{self.place}[{key}]", self.watch)
+
+
 class Document:
     """The content of a file.
 
@@ -185,12 +269,14 @@ class Document:
         Counts what is taken of them.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, watch: Watch | None = None) -> None:
         self.files = [path]
+        self._watch = watch or Watch()
         data = read_input(path, MAX_GLTF_BYTES, "a smaller file", is_json=True)
         self.claimed = ClaimedBytes(len(data))
+        self._watch.allow(len(data))
         text, self._binary = _split_chunks(data)
-        self.root = Item(parse_json(text, GLTF_JSON), "")
+        self.root = Item(parse_json(text, GLTF_JSON), "", self._watch)
         asset = self.root.find_item("asset")
         if asset is None:
             raise FormatError(
@@ -217,6 +303,8 @@ class Document:
         self.materials = self.root.list_items("materials")
         self.accessors = self.root.list_items("accessors")
         self._buffers: dict[int, memoryview] = {}
+        self._named_files: dict[Path, memoryview] = {}
+        self._object_bytes = 0
 
     def claim(self, size: int) -> None:
         """Count bytes that are taken beside those of the files, and refuse too many.
@@ -224,6 +312,17 @@ class Document:
         A file of a few bytes can say that it holds the same numbers, or zeros, a million times.
         """
         self.claimed.claim(size)
+        self._watch.read()
+
+    def claim_objects(self, count: int, noun: str, size: int) -> None:
+        """Count objects that take as many bytes each as they are read; refuse too many."""
+        self._object_bytes += count * size
+        limit = max(MAX_OBJECT_BYTES, compute_unpacked_limit(self.claimed.packed))
+        if self._object_bytes > limit:
+            raise FormatError(
+                f"has {count} {noun}, with which its lists take {format_bytes(self._object_bytes)} "
+                f"of memory, expected at most {format_bytes(limit)}; export fewer of them"
+            )
 
     def read_view(self, number: int) -> tuple[memoryview, int | None]:
         """Return the bytes of a buffer view, and the bytes from one element to the next.
@@ -239,7 +338,7 @@ class Document:
                 f"{view.place} ends at byte {start + length} of its buffer, which has "
                 f"{len(buffer)}; export the file again"
             )
-        return buffer[start : start + length], view.find_integer("byteStride", lowest=1)
+        return buffer[start : start + length], view.find_integer("byteStride", MAX_STRIDE, lowest=1)
 
     @property
     def view_count(self) -> int:
@@ -247,11 +346,11 @@ class Document:
         return len(self._views)
 
     @cached_property
-    def _views(self) -> list[Item]:
+    def _views(self) -> Items:
         return self.root.list_items("bufferViews")
 
     @cached_property
-    def _buffer_items(self) -> list[Item]:
+    def _buffer_items(self) -> Items:
         return self.root.list_items("buffers")
 
     def _read_buffer(self, number: int) -> memoryview:
@@ -292,11 +391,16 @@ class Document:
             raise FileAccessError("is not in a file; save it as .glb")
         if not path.resolve().is_relative_to(folder.resolve()):
             raise FileAccessError("is in another folder, expected a file beside the .gltf")
-        with error_context(name):
-            data = read_input(path, MAX_GLTF_BYTES - self.claimed.packed, "a smaller file")
-        self.files.append(path)
-        self.claimed.packed += len(data)
-        return memoryview(data)
+        file = path.resolve()
+        if file not in self._named_files:  # many buffers may name one
+            with error_context(name):
+                data = read_input(path, MAX_GLTF_BYTES - self.claimed.packed, "a smaller file")
+            self.files.append(path)
+            self.claimed.packed += len(data)
+            self._watch.allow(len(data))
+            trials.allow(len(data))
+            self._named_files[file] = memoryview(data)
+        return self._named_files[file]
 
 
 def make_compression_error(name: str) -> FormatError:

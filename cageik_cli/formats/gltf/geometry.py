@@ -5,6 +5,7 @@ Morph targets and joints move what is welded.
 
 import re
 from collections.abc import Iterator, Sequence
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -41,6 +42,9 @@ TargetMoves = tuple[Integers, NDArray[Any], Integers]
 
 TRIANGLES, STRIP, FAN = 4, 5, 6
 """Modes of primitives that have faces."""
+
+PRIMITIVE_BYTES = 1000
+"""Memory of a primitive, besides its numbers."""
 
 _KEPT = re.compile(rf"POSITION|{'|'.join(ACCESSORS.values())}|(JOINTS|WEIGHTS)_\d+")
 
@@ -140,7 +144,7 @@ class Geometry:
         self.materials = materials[is_whole]
         if not len(self.corners):
             raise FormatError("has no triangle with three different corners; export the file again")
-        self._targets = [list(self._place_target(k)) for k in range(self.target_count)]
+        self._targets = self._place_targets()
         self._matrix = None if influences is None else influences.make_matrix(self.firsts)
         self._note_changes(is_used, int(np.count_nonzero(~is_whole)))
 
@@ -160,9 +164,9 @@ class Geometry:
             Of the joints, for a mesh with a skin.
         """
         points = self.base.copy()
-        for weight, parts in zip(weights, self._targets, strict=True):
-            for vertices, rows, picks in parts if weight else ():
-                points[vertices] += weight * rows[picks]
+        for number, parts in self._targets.items():
+            for vertices, rows, picks in parts if weights[number] else ():
+                points[vertices] += weights[number] * rows[picks]
         return points if moves is None else blend(points, self._matrix, moves)
 
     def read_attribute(self, name: str, widths: tuple[int, ...]) -> Floats | None:
@@ -211,8 +215,9 @@ class Geometry:
 
     def _refine_by_targets(self, labels: Integers, used: Integers) -> Integers:
         """Return labels (u,) that differ where a target moves used vertices (u,) apart."""
-        for k in range(self.target_count):
-            first = np.unique(labels, return_index=True)[1]
+        first = np.unique(labels, return_index=True)[1]
+        for k in self._list_moving_targets():
+            self._document.claim(len(used))  # compared, though it moves the vertices of one pool
             moves = np.zeros((len(used), 3))
             for pool, rows in self._read_target(k):
                 inside = slice(*np.searchsorted(used, [pool.start, pool.stop]).tolist())
@@ -221,19 +226,35 @@ class Geometry:
             bits = moves.view(np.int64)
             if (bits != bits[first[labels]]).any():
                 labels = number_rows([labels[:, None], moves])
+                first = np.unique(labels, return_index=True)[1]
         return labels
 
-    def _place_target(self, number: int) -> Iterator[TargetMoves]:
-        """Yield what a target does to the welded vertices."""
-        for pool, rows in self._read_target(number):
+    def _list_moving_targets(self) -> list[int]:
+        """List the targets that move vertices: files have thousands of others."""
+        moved = (
+            np.flatnonzero([accessor is not None for accessor in pool.targets])
+            for pool in self.pools
+        )
+        return sorted(set(chain.from_iterable(numbers.tolist() for numbers in moved)))
+
+    def _place_targets(self) -> dict[int, list[TargetMoves]]:
+        """Return what targets do to the welded vertices."""
+        welded = {}
+        for pool in self.pools:
             start, stop = np.searchsorted(self.firsts, [pool.start, pool.stop]).tolist()
-            vertices, picks = np.arange(start, stop), self.firsts[start:stop] - pool.start
-            if isinstance(rows, SparseRows):
-                places = np.searchsorted(rows.indices, picks).clip(max=len(rows.indices) - 1)
-                is_moved = rows.indices[places] == picks if len(rows.indices) else picks < 0
-                yield vertices[is_moved], rows.values, places[is_moved]
-            else:
-                yield vertices, rows, picks
+            welded[pool] = np.arange(start, stop), self.firsts[start:stop] - pool.start
+        placed: dict[int, list[TargetMoves]] = {}
+        for number in self._list_moving_targets():
+            placed[number] = []
+            for pool, rows in self._read_target(number):
+                vertices, picks = welded[pool]
+                if isinstance(rows, SparseRows):
+                    places = np.searchsorted(rows.indices, picks).clip(max=len(rows.indices) - 1)
+                    is_moved = rows.indices[places] == picks if len(rows.indices) else picks < 0
+                    placed[number].append((vertices[is_moved], rows.values, places[is_moved]))
+                else:
+                    placed[number].append((vertices, rows, picks))
+        return placed
 
     def _note_changes(self, is_used: NDArray[np.bool_], flat: int) -> None:
         count = int(np.count_nonzero(is_used))
@@ -269,7 +290,7 @@ def has_faces(mesh: Item) -> bool:
 
 def count_targets(mesh: Item) -> int:
     """Return how many morph targets a mesh has."""
-    primitives = mesh.list_items("primitives")
+    primitives = filter(_has_triangles, mesh.list_items("primitives"))
     return max((len(each.list_items("targets")) for each in primitives), default=0)
 
 
@@ -292,10 +313,12 @@ def _read_triangles(
     pools: dict[object, Pool] = {}
     faces, materials = [np.zeros((0, 3), np.int64)], [np.zeros(0, np.int64)]
     primitives = mesh.list_items("primitives")
+    document.claim_objects(len(primitives), "primitives", PRIMITIVE_BYTES)
     for primitive in primitives:
-        attributes = primitive.find_item("attributes") if _is_of_faces(primitive) else None
-        if attributes is None or not attributes.has("POSITION"):
+        if not _has_triangles(primitive):
             continue
+        attributes = primitive.find_item("attributes")
+        assert attributes is not None
         pool = _find_pool(document, primitive, attributes, pools)
         faces.append(pool.start + _read_faces(document, primitive, pool.stop - pool.start))
         material = primitive.find_integer("material", len(document.materials))
@@ -325,6 +348,12 @@ def _find_pool(document: Document, primitive: Item, item: Item, pools: dict[obje
         last = next(reversed(pools.values()), None)
         pools[key] = Pool(document, attributes, targets, 0 if last is None else last.stop)
     return pools[key]
+
+
+def _has_triangles(primitive: Item) -> bool:
+    """Return whether a primitive is one of those that are read."""
+    attributes = primitive.find_item("attributes") if _is_of_faces(primitive) else None
+    return attributes is not None and attributes.has("POSITION")
 
 
 def _is_of_faces(primitive: Item) -> bool:

@@ -26,6 +26,9 @@ INSTANCE_BYTES = 400
 INFLUENCE_SET_BYTES = 128
 """Memory that a set of four joints and weights takes at a vertex, as they are and sorted."""
 
+NODE_BYTES, JOINT_BYTES = 2000, 1500
+"""Memory of a node, and of a joint: names, and transforms of the frames that threads read."""
+
 SUM_TOL = 0.01
 """Weights whose sum is this far from 1 get a note; a byte per weight rounds by less."""
 
@@ -48,6 +51,7 @@ class NodeTree:
 
     def __init__(self, document: Document) -> None:
         self._items = document.nodes
+        document.claim_objects(len(self._items), "nodes", NODE_BYTES)
         self._parents = self._find_parents()
         self._children = self._list_children(document)
         self._levels = self._order_levels()
@@ -264,6 +268,7 @@ class Skin:
 
     def __init__(self, document: Document, number: int) -> None:
         item = document.skins[number]
+        document.claim_objects(item.count("joints"), "joints", JOINT_BYTES)
         self.joints = item.list_integers("joints", len(document.nodes))
         count = len(self.joints)
         if not count:

@@ -4,7 +4,7 @@ Samplers of an animation give values at keys and between them, and the frames th
 """
 
 from bisect import bisect_left
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
@@ -17,7 +17,14 @@ import numpy as np
 from cageik_cli.formats.base.mesh_data import Change, FileMesh, LayerReaders
 from cageik_cli.formats.base.scene_graph import Polygons, SceneMesh, SceneReader, find_step, snap
 from cageik_cli.formats.base.sequence import ClipRequest
-from cageik_cli.formats.gltf.document import Document, Item, count_rows, read_floats
+from cageik_cli.formats.gltf.document import (
+    Document,
+    Item,
+    TrialWanted,
+    Watch,
+    count_rows,
+    read_floats,
+)
 from cageik_cli.formats.gltf.geometry import Geometry, count_targets, has_faces
 from cageik_cli.formats.gltf.nodes import INSTANCING, TRS_WIDTHS, NodeTree, Skin, read_instances
 from cageik_cli.formats.gltf.surface import list_surface_layers
@@ -33,6 +40,7 @@ from cageik_cli.util.errors import (
 )
 from cageik_cli.util.messages import Hint, Said, say
 from cageik_cli.util.text import number_names
+from cageik_cli.util.trial import trials
 
 DEFAULT_SAMPLING_RATE = 24.0
 """Frames per second at which animations are sampled, as glTF states none."""
@@ -46,6 +54,12 @@ KEY_TOL = 1e-6
 That is at most a tenth of a frame, and of the way to another key: mocap may count from midnight.
 """
 
+MAX_UNTRIED_SECONDS = 5.0
+"""Seconds of a processor, besides those for its size, in which a file is opened without a trial."""
+
+CHANNEL_BYTES = 500
+"""Memory of what animates a value of a node, besides its keys."""
+
 _INTERPOLATIONS = ("LINEAR", "STEP", "CUBICSPLINE")
 
 
@@ -57,7 +71,14 @@ class Reader(SceneReader):
     def __init__(self, request: ClipRequest) -> None:
         self._member, self._fps = request.member, request.settings.fps
         self._warnings: list[Said] = []
-        super().__init__(request)
+        self._watch = Watch(MAX_UNTRIED_SECONDS) if trials.are_wanted else Watch()
+        try:
+            super().__init__(request)
+        except TrialWanted:
+            with error_context(request.path):
+                self.try_first(request, "cageik")
+            self._warnings, self._watch = [], Watch()
+            super().__init__(request)
         self._reading += (self._fps,)
 
     @classmethod
@@ -85,7 +106,7 @@ class Reader(SceneReader):
 
     def list_meshes(self, path: Path) -> tuple[dict[str, Any], dict[str, str]]:
         """Read the document, and list the nodes that have meshes."""
-        self._document = document = Document(path)
+        self._document = document = Document(path, self._watch)
         self.claimed = document.claimed
         if document.left_out:
             self._warnings.append(
@@ -113,11 +134,12 @@ class Reader(SceneReader):
         self._geometries: dict[tuple[int, int | None], Geometry] = {}
         found: dict[str, Any] = {}
         hidden: dict[str, str] = {}
+        faceless = {k for k in set(mesh_numbers.values()) if not has_faces(document.meshes[k])}
         for name, k, instance in self._list_copies(mesh_numbers):
             found[name] = k, mesh_numbers[k], instance
             if not tree.is_shown[k]:
                 hidden[name] = "not in the scene, or invisible"
-            elif not has_faces(document.meshes[mesh_numbers[k]]):
+            elif mesh_numbers[k] in faceless:
                 hidden[name] = "points or lines"
         return found, hidden
 
@@ -185,14 +207,35 @@ class Rig:
         self, document: Document, tree: NodeTree, mesh_numbers: dict[int, int], item: Item | None
     ) -> None:
         self.tree, self._document = tree, document
-        counts = {k: count_targets(document.meshes[mesh]) for k, mesh in mesh_numbers.items()}
+        counts = {mesh: count_targets(document.meshes[mesh]) for mesh in set(mesh_numbers.values())}
+        counts = {k: counts[mesh] for k, mesh in mesh_numbers.items()}
         self.animation = Animation(document, tree, item, counts)
-        self.mesh_numbers = mesh_numbers
+        self.mesh_numbers, self._target_counts = mesh_numbers, counts
         # The times of the frames that threads read.
         self.find_worlds = lru_cache(8)(
             lambda time: tree.compute_worlds(self.animation.evaluate_nodes(time))
         )
         self._skins: dict[int, Skin] = {}
+        self._still_weights: dict[int, Floats] = {}
+        self._moves: dict[int, Callable[[float], Floats]] = {}
+
+    def find_moves(self, skin: int, time: float) -> Floats:
+        """Return what moves a vertex with each joint of a skin, (J, 4, 4), for all its meshes."""
+        if skin not in self._moves:
+            found = self._skins[skin]
+            self._moves[skin] = lru_cache(8)(
+                lambda time: found.compute_moves(self.find_worlds(time))
+            )
+        return self._moves[skin](time)
+
+    def find_weights(self, node: int) -> Floats:
+        """Return the weights of the morph targets of a node that no animation moves, (K,)."""
+        mesh, count = self.mesh_numbers[node], self._target_counts[node]
+        if mesh not in self._still_weights:
+            stated = _read_weights(self._document.meshes[mesh], count)
+            self._still_weights[mesh] = np.zeros(count) if stated is None else stated
+        own = _read_weights(self._document.nodes[node], count)
+        return self._still_weights[mesh] if own is None else own
 
     def find_skin(self, number: int | None) -> Skin | None:
         """Return a skin by its number."""
@@ -223,18 +266,8 @@ class GltfMesh(SceneMesh):
     ) -> None:
         self._instance = instance
         self._document, self._rig, self._geometry, self._node = document, rig, geometry, node
-        self._skin = rig.find_skin(skin)
-        self._still_weights = np.zeros(geometry.target_count)
-        for item in (document.meshes[rig.mesh_numbers[node]], document.nodes[node]):
-            weights = item.find_numbers("weights", None)
-            if weights is None:
-                continue
-            if len(weights) != geometry.target_count:
-                raise FormatError(
-                    f"{item.place} has {len(weights)} weights of {geometry.target_count} morph "
-                    "targets; export the file again"
-                )
-            self._still_weights = weights
+        self._skin = skin
+        self._still_weights = rig.find_weights(node)
 
     def compute_matrix(self, time: float) -> Floats:
         """Return the transform of the node, or none for a skin."""
@@ -256,7 +289,7 @@ class GltfMesh(SceneMesh):
             weights = self._still_weights
         moves = None
         if self._skin is not None:
-            moves = self._skin.compute_moves(self._rig.find_worlds(time))
+            moves = self._rig.find_moves(self._skin, time)
         return self._geometry.evaluate(weights, moves)
 
     def read_mesh(self, points: Floats, time: float) -> FileMesh:
@@ -278,6 +311,17 @@ class GltfMesh(SceneMesh):
     def describe_transform(self, time: float) -> list[str | Change]:
         """Return notes on what was changed, too."""
         return [*super().describe_transform(time), *self._geometry.notes]
+
+
+def _read_weights(item: Item, count: int) -> Floats | None:
+    """Return the weights of morph targets that a mesh or a node states, (count,), if it does."""
+    weights = item.find_numbers("weights", None)
+    if weights is not None and len(weights) != count:
+        raise FormatError(
+            f"{item.place} has {len(weights)} weights of {count} morph targets; export the file "
+            "again"
+        )
+    return weights
 
 
 def _has_prefix(paths: list[str], prefix: str) -> bool:
@@ -373,7 +417,7 @@ class Sampler:
     @cached_property
     def _shortest_step(self) -> float:
         steps = np.diff(self.keys)
-        return float(min(steps[steps > 0], default=np.inf))
+        return float(steps.min(initial=np.inf, where=steps > 0))
 
     def _evaluate_spline(self, k: int, t: float) -> Floats:
         value = self.values[k, 1]
@@ -433,7 +477,8 @@ class Animation:
         self.notes: list[Said] = []
         self._read: dict[tuple[int, str, int], Sampler] = {}
         others: set[str] = set()
-        channels = [] if item is None else item.list_items("channels")
+        channels = () if item is None else item.list_items("channels")
+        document.claim_objects(len(channels), "animated values", CHANNEL_BYTES)
         for channel in channels:
             target = channel.find_item("target")
             node = None if target is None else target.find_integer("node", len(document.nodes))
@@ -444,7 +489,7 @@ class Animation:
             self._add_channel(channel, node, path)
         if others:
             self.notes.append("channels that move no node are left out")
-        if any((np.diff(each.keys) == 0).any() for each in self._samplers.values()):
+        if any((np.diff(each.keys) == 0).any() for each in self._read.values()):
             self.notes.append("some keys are at the same time, where values jump")
 
     def moves(self, node: int) -> bool:
@@ -480,7 +525,7 @@ class Animation:
         SettingError
             When there are too many.
         """
-        keys = [each.keys for each in self._samplers.values()]
+        keys = [each.keys for each in self._read.values()]
         if not keys:
             return np.zeros(1), SceneHints(up_axis="Y", metres_per_unit=1.0)
         first = min(float(each[0]) for each in keys)

@@ -99,6 +99,7 @@ CASES = {
     "accessors[1].bufferView is 99": put("accessors", 1, "bufferView", value=99),
     "bufferViews[1] ends at byte": put("bufferViews", 1, "byteLength", value=HUGE),
     "12 bytes, 4 apart": put("bufferViews", 1, "byteStride", value=4),
+    "bufferViews[1].byteStride is 1000000000": put("bufferViews", 1, "byteStride", value=10**30),
     "bufferViews[1].buffer is 1, expected 0 to 0": put("bufferViews", 1, "buffer", value=1),
     "accessors[1].sparse is 3, expected an object": put("accessors", 1, "sparse", value=3),
     "primitives[0].mode is 9": put("meshes", 0, "primitives", 0, "mode", value=9),
