@@ -44,6 +44,10 @@ MAX_MORPHS = 256
 """Morph targets at most: all that WebGL 2 guarantees room for, as layers of a texture."""
 
 
+MAX_SCENE_NUMBER = 1e50
+"""Numbers of a scene up to it, and from its inverse on, multiply and divide without overflow."""
+
+
 @dataclass(frozen=True, slots=True)
 class Scene:
     """Frame rate, frame numbers, up axis and unit of an animation, with the usual defaults.
@@ -77,11 +81,20 @@ class Scene:
             ("metres per unit", self.metres_per_unit),
             ("as the step of frame numbers", self.frame_step),
         ):
-            if not 0 < value < float("inf"):
+            if not value > 0:
                 raise SettingError(f"{value:g} {name}, expected a number above zero")
+            if not 1 / MAX_SCENE_NUMBER <= value <= MAX_SCENE_NUMBER:
+                raise SettingError(
+                    f"{value:g} {name}, expected {1 / MAX_SCENE_NUMBER:g} to {MAX_SCENE_NUMBER:g}"
+                )
         if not isfinite(self.start):
             raise SettingError(
                 f"the number of the first frame is {self.start}, expected a finite number"
+            )
+        if abs(self.start) > MAX_SCENE_NUMBER:
+            raise SettingError(
+                f"the number of the first frame is {self.start:g}, expected one up to "
+                f"{MAX_SCENE_NUMBER:g}"
             )
         if self.up_axis not in UP_AXES:
             raise SettingError(f"the up axis is {self.up_axis}, expected {' or '.join(UP_AXES)}")

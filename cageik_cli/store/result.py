@@ -332,10 +332,12 @@ def read_cages(result: StoredAnimation, size: int, first: int = 0) -> Iterator[F
         for start in range(first, len(cages), size):
             block = np.asarray(cages[start : start + size], np.float64)
             fill_gaps(block, start, known, cages.__getitem__)
-            wrong = np.flatnonzero(~np.isfinite(block).all(axis=(1, 2)))
+            wrong = np.flatnonzero(~are_lengths(np.abs(block)).all(axis=(1, 2)))
             if len(wrong):
                 name = result.frames[start + wrong[0]]
-                raise FormatError(f"the cage of {name} is not finite")
+                raise FormatError(
+                    f"the cage of {name} is not finite, or too large; extract it again"
+                )
             yield block
 
 
@@ -519,8 +521,10 @@ def read_rotations(result: StoredAnimation) -> Floats:
         if wrong.any():
             name = result.frames[int(np.argmax(wrong))]
             raise FormatError(f"`rotations` of {name} are not a rotation; extract it again")
-    nearest = known[np.abs(known[None] - np.arange(count)[:, None]).argmin(axis=1)]
-    return np.asarray(rotations[nearest])
+    numbers = np.arange(count)
+    places = np.searchsorted(known, numbers)
+    before, after = known[(places - 1).clip(0)], known[places.clip(max=len(known) - 1)]
+    return np.asarray(rotations[np.where(numbers - before <= after - numbers, before, after)])
 
 
 def read_key_frames(result: StoredAnimation, binding: Binding) -> KeyFrames:

@@ -94,10 +94,19 @@ def test_weights_that_are_not_fitted_have_no_fit(tmp_path):
     assert binding_file.read_binding(tmp_path / "b.h5").fit is None
 
 
-def test_the_rotation_of_a_skipped_frame_is_that_of_the_nearest(tmp_path):
-    path = written_with_gaps(tmp_path / "cages.h5", {1: "gone"})
+@pytest.mark.parametrize(
+    ("gaps", "nearest"),
+    [
+        ([1], [0, 0, 2, 3, 4]),
+        ([0, 1], [2, 2, 2, 3, 4]),
+        ([3, 4], [0, 1, 2, 2, 2]),
+        ([1, 2, 3], [0, 0, 0, 4, 4]),
+    ],
+)
+def test_the_rotation_of_a_skipped_frame_is_that_of_the_nearest(tmp_path, gaps, nearest):
+    path = written_with_gaps(tmp_path / "cages.h5", dict.fromkeys(gaps, "gone"))
     found = results.read_rotations(results.read_result(path))
-    np.testing.assert_array_equal(found, ROTATIONS[[0, 0, 2, 3, 4]])
+    np.testing.assert_array_equal(found, ROTATIONS[nearest])
 
 
 def fit_attribute(path, value):

@@ -580,7 +580,7 @@ def test_cages_and_weights_are_read_and_must_be_finite(path, wrong):
     np.testing.assert_array_equal(np.concatenate(list(store.read_cages(result, 2))), CAGES)
     np.testing.assert_array_equal(store.read_weights(result), BINDING.weights)
     with h5py.File(path, "r+") as file:
-        file["verts"][3, 0, 0] = np.nan
+        file["verts"][3, 0, 0] = wrong
         del file["weights"]
         file["weights"] = np.where(np.arange(18)[:, None] == 7, wrong, BINDING.weights)
     with pytest.raises(InputError, match=r"cages\.h5: the cage of .* is not finite"):
