@@ -43,7 +43,7 @@ def bind(
     jobs : int, optional
         Threads; the number of processors by default. They do not change the result.
     progress : callable
-        Called with (points done, points) after every block.
+        Called with (points done, points) after every block; see `harmonic_weights`.
 
     Raises
     ------

@@ -58,7 +58,7 @@ class ProgressBar(ProgressListener):
         """Measure the time of a stage; open its bar, if it has one."""
         units = {
             "cage": "candidates",
-            "bind": "vertices",
+            "bind": "steps",
             "read": "frames",
             "edit": "frames",
             "export": "frames",

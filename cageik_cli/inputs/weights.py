@@ -34,6 +34,9 @@ from cageik_cli.util.text import group_digits
 BUILT_CAGE = "built cage"
 """Name of a cage that was built for the run, in place of that of a file."""
 
+MAX_QUICK_FACES = 3000
+"""Faces of a cage whose equations take less than half a minute; the time grows with their cube."""
+
 UNNAMED_REST = "MODEL.obj"
 """Stands for a rest pose that is in no mesh file."""
 
@@ -136,6 +139,13 @@ def bind_cached(
         )
 
     def compute() -> JudgedBinding:
+        if settings.bind.coordinates == "harmonic" and len(cage.mesh.faces) > MAX_QUICK_FACES:
+            progress.note(
+                "bind",
+                f"the cage has {len(cage.mesh.faces)} faces: their equations take a minute or "
+                "more, however few vertices there are; "
+                + say('a coarser cage, or `coordinates="mean-value"`, takes less'),
+            )
         taken = settings.bind, settings.jobs, progress.update
         return judge_binding(bind(rest.mesh, cage.mesh, *taken))
 

@@ -10,6 +10,7 @@ from cageik_cli.cages.bind import bind
 from cageik_cli.formats.base.mesh_data import LoadedMesh
 from cageik_cli.formats.open import load_mesh
 from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.inputs import weights
 from cageik_cli.inputs.settings import WeightSettings
 from cageik_cli.inputs.weights import bind_cached, load_matching_binding
 from cageik_cli.method.weights.settings import BindSettings
@@ -17,6 +18,7 @@ from cageik_cli.run.bind import bind_files
 from cageik_cli.run.settings import BindRunSettings
 from cageik_cli.store.binding_file import read_binding
 from cageik_cli.util.errors import InputError, SettingError
+from cageik_cli.util.messages import spell
 from tests.listeners import Listener
 from tests.shapes import ball, box
 from tests.texts import texts
@@ -54,6 +56,21 @@ def test_a_listener_gets_stages_progress_and_cache_notes(plain, cache, kept):
         assert listener.counts[-1] == (18, 18)
         assert [topic for topic, _ in listener.notes] == ["cache"] * (kept and turn)
     assert cache.exists() == kept
+
+
+@pytest.mark.parametrize("coordinates", ["harmonic", "mean-value"])
+def test_a_cage_of_many_faces_is_noted_before_it_is_bound(plain, monkeypatch, coordinates):
+    monkeypatch.setattr(weights, "MAX_QUICK_FACES", 11)
+    listener = Listener()
+    settings = WeightSettings(bind=BindSettings(coordinates), cache=None)
+    stopped = Listener(stop_at=(18, 18))
+    with pytest.raises(KeyboardInterrupt):  # the note is there before the weights are
+        bind_files(replace(plain, weights=settings), stopped)
+    bind_files(replace(plain, weights=settings, overwrite=True), listener)
+    for each in (stopped, listener):
+        found = [spell(text) for topic, text in each.notes if topic == "bind"]
+        assert len(found) == (coordinates == "harmonic")
+        assert all("the cage has 12 faces: their equations take" in text for text in found)
 
 
 def test_changes_of_a_mesh_are_noted(plain, folder):

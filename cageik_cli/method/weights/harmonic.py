@@ -91,7 +91,8 @@ def harmonic_weights(
     jobs : int, optional
         Threads; the number of processors by default. They do not change the result.
     progress : callable
-        Called with (points done, points) after every block.
+        Called with (points done, points) after every block; before, where the equations take long,
+        with (work done, work) of their solution, in unknowns.
 
     Returns
     -------
@@ -111,7 +112,7 @@ def harmonic_weights(
     weights, within = weights_on_surface(cage, points)
     if len(within) == 0:
         return Weights(weights)
-    solution = HarmonicSolution(cage, points[within], accuracy, jobs)
+    solution = HarmonicSolution(cage, points[within], accuracy, jobs, progress)
 
     def fill(chosen: Integers, places: Floats) -> None:
         weights[chosen] = rounded_interior_weights(solution.boundary, places)
@@ -128,7 +129,7 @@ class HarmonicSolution:
 
     Parameters
     ----------
-    cage, points, accuracy, jobs
+    cage, points, accuracy, jobs, progress
         As of `harmonic_weights`; the points are inside.
 
     Attributes
@@ -143,14 +144,19 @@ class HarmonicSolution:
     """
 
     def __init__(
-        self, cage: TriMesh, points: Floats, accuracy: str | Accuracy, jobs: int | None
+        self,
+        cage: TriMesh,
+        points: Floats,
+        accuracy: str | Accuracy,
+        jobs: int | None,
+        progress: Callable[[int, int], None] = ignore_progress,
     ) -> None:
         limits = ACCURACIES[accuracy] if isinstance(accuracy, str) else accuracy
         self._origin, self.scale = cage.vertices.mean(axis=0), cage.diagonal
         unit = TriMesh(self.to_units(cage.vertices), cage.faces)
         places = self.to_units(points[order_by_place(points)])
         with limit_blas_threads(1), ThreadPoolExecutor(jobs or count_processors()) as pool:
-            self.boundary, error = _solve_to_tolerance(unit, places, limits, pool)
+            self.boundary, error = _solve_to_tolerance(unit, places, limits, pool, progress)
             is_measured = np.isfinite(limits.tolerance)  # else no error is asked for
             self.surface_error = measure_surface_error(self.boundary, pool) if is_measured else 0.0
         self.error = max(error, STEADY_SHARE * self.surface_error)
@@ -206,7 +212,11 @@ def check_request(cage: TriMesh, accuracy: str | Accuracy) -> None:
 
 
 def _solve_to_tolerance(
-    cage: TriMesh, points: Floats, accuracy: Accuracy, pool: ThreadPoolExecutor
+    cage: TriMesh,
+    points: Floats,
+    accuracy: Accuracy,
+    pool: ThreadPoolExecutor,
+    progress: Callable[[int, int], None],
 ) -> tuple[BoundarySolution, float]:
     """Divide panels until the estimated error is below the tolerance, or there are too many.
 
@@ -217,7 +227,7 @@ def _solve_to_tolerance(
     while len(mesh.panels.corners) < MIN_PANELS:
         mesh = mesh.divide(np.ones(len(mesh.panels.corners), bool))
     mesh = _raise_order(mesh, points, accuracy)
-    best = solve_boundary(mesh, pool)
+    best = solve_boundary(mesh, pool, progress)
     error, shares = estimate_error(best, sample)
     for _ in range(MAX_REFINEMENTS):
         if error <= accuracy.tolerance:
@@ -233,7 +243,7 @@ def _solve_to_tolerance(
         )
         if no_room or mesh.order < best.mesh.order:
             break
-        finer = solve_boundary(mesh, pool)
+        finer = solve_boundary(mesh, pool, progress)
         less, shares = estimate_error(finer, sample)
         if less >= error:
             break

@@ -35,6 +35,7 @@ from cageik_cli.method.weights.bem.potentials import Potentials, compute_potenti
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import NumericalError
 from cageik_cli.util.messages import say
+from cageik_cli.util.progress import ignore_progress
 
 MAX_EVALUATED_ENTRIES = 240_000
 """Panels times points evaluated together: products with fewer columns are slow for large cages."""
@@ -48,6 +49,9 @@ Part = TypeVar("Part")
 
 BLOCK_SIZE = 256
 """Unknowns that are eliminated together; the inverses of their blocks take little time."""
+
+MIN_SHOWN_UNKNOWNS = 6000
+"""More unknowns take seconds to eliminate, and the work grows with their cube."""
 
 SUBSTITUTED_COLUMNS = 64
 """Right hand sides in which the unknowns are substituted together."""
@@ -77,9 +81,15 @@ class BoundarySolution:
         return np.asarray(np.linalg.pinv(affine_values(self.mesh)), np.float64)
 
 
-def solve_boundary(mesh: BoundaryMesh, pool: ThreadPoolExecutor) -> BoundarySolution:
+def solve_boundary(
+    mesh: BoundaryMesh,
+    pool: ThreadPoolExecutor,
+    progress: Callable[[int, int], None] = ignore_progress,
+) -> BoundarySolution:
     """Solve the boundary integral equation for all basis functions of the cage; threads of `pool`
     do the work.
+
+    `progress` is called as by `solve_in_place`, where that takes long.
 
     Single precision halves memory and time. It changes the weights of sound cages in the sixth
     digit at most; the densities of affine functions are known, and are corrected exactly.
@@ -94,7 +104,8 @@ def solve_boundary(mesh: BoundaryMesh, pool: ThreadPoolExecutor) -> BoundarySolu
     rhs = np.empty((count, mesh.basis_functions.count), np.float32)
     _run_all(pool, partial(_fill_rows, mesh, matrix=matrix, rhs=rhs), _split_test_panels(mesh))
     try:
-        solve_in_place(matrix, rhs, pool)
+        is_long = count > MIN_SHOWN_UNKNOWNS
+        solve_in_place(matrix, rhs, pool, progress=progress if is_long else ignore_progress)
     except np.linalg.LinAlgError as error:
         raise NumericalError(
             say(
@@ -215,7 +226,11 @@ def count_points_per_block(mesh: BoundaryMesh) -> int:
 
 
 def solve_in_place(
-    matrix: Float32s, rhs: Float32s, pool: ThreadPoolExecutor, block_size: int = BLOCK_SIZE
+    matrix: Float32s,
+    rhs: Float32s,
+    pool: ThreadPoolExecutor,
+    block_size: int = BLOCK_SIZE,
+    progress: Callable[[int, int], None] = ignore_progress,
 ) -> None:
     """Replace `rhs`, (u, n), by the solution of matrix (u, u) · x = rhs; the matrix is lost.
 
@@ -224,6 +239,8 @@ def solve_in_place(
     definite. Rows are divided by their blocks in double precision: in cages whose sides nearly
     touch, blocks have condition numbers of 1e6 and more. So the error is about that of LAPACK's
     routine, which exchanges rows: not twice as large in a wedge of a tenth of a degree.
+
+    `progress` is called after every block with the share of the work that is done, of u.
 
     Raises
     ------
@@ -237,6 +254,8 @@ def solve_in_place(
         rhs[block] = elimination.inverses[block.start] @ rhs[block]
         for work in (elimination.divide, elimination.eliminate):
             _run_all(pool, partial(work, block), blocks[place:])
+        left = 1 - block.stop / len(matrix)
+        progress(round(len(matrix) * (1 - left**3)), len(matrix))
     columns = _split(rhs.shape[1], SUBSTITUTED_COLUMNS)
     _run_all(pool, partial(elimination.substitute, blocks), columns)
 

@@ -26,7 +26,7 @@ def test_sharp_wedges_lose_few_more_digits_than_with_exchanged_rows(monkeypatch,
     points = np.column_stack([(x := np.linspace(0.1, 0.9, 30)), 0.4 * x * height, 0.2 + 0.6 * x])
 
     def weights_by(solve):
-        def solve_in_place(matrix, rhs, pool):
+        def solve_in_place(matrix, rhs, pool, **_):
             rhs[:] = solve(matrix, rhs)
 
         monkeypatch.setattr(boundary_equation, "solve_in_place", solve_in_place)
@@ -43,7 +43,7 @@ def test_the_linear_algebra_has_one_thread(monkeypatch):
     """Two would wait for each other, which takes 10 times as long where others run."""
     found = set()
 
-    def solve(matrix, rhs, pool):
+    def solve(matrix, rhs, pool, **_):
         found.update(p["num_threads"] for p in threadpool_info() if p["user_api"] == "blas")
         solve_in_place(matrix, rhs, pool)
 
@@ -54,7 +54,7 @@ def test_the_linear_algebra_has_one_thread(monkeypatch):
 
 
 def test_equations_without_a_solution_are_refused(monkeypatch):
-    def fail(matrix, rhs, pool):
+    def fail(matrix, rhs, pool, **_):
         raise np.linalg.LinAlgError("Singular matrix")
 
     monkeypatch.setattr(boundary_equation, "solve_in_place", fail)
@@ -91,6 +91,27 @@ def test_the_number_of_threads_does_not_change_the_solution():
     expected = solve(matrix, rhs, 1)
     for threads in (2, 3, 5):
         np.testing.assert_array_equal(solve(matrix, rhs, threads), expected)
+
+
+def test_the_progress_of_an_elimination_is_that_of_its_work():
+    """The first of three blocks has 19 of 27 parts of the work."""
+    matrix, rhs = definite_system(48)
+    calls = []
+    solve(matrix, rhs, 1, block_size=16, progress=lambda *done: calls.append(done))
+    assert calls == [(34, 48), (46, 48), (48, 48)]
+
+
+@pytest.mark.parametrize("most", [10, 10**6])
+def test_only_a_long_elimination_is_shown(monkeypatch, most):
+    """The shown work comes before the points, of which there are few."""
+    monkeypatch.setattr(boundary_equation, "MIN_SHOWN_UNKNOWNS", most)
+    calls = []
+    harmonic_weights(box(), np.zeros((1, 3)), progress=lambda *done: calls.append(done))
+    shown, last = calls[:-1], calls[-1]
+    assert last == (1, 1)
+    assert bool(shown) == (most == 10)
+    for done, total in shown:
+        assert 0 < done <= total > 10
 
 
 @pytest.mark.parametrize("place", [0, 300])
