@@ -88,8 +88,21 @@ def test_instances_may_be_far_more_than_their_file_and_not_than_memory(kind, tmp
         open_sequence([str(path)])
 
 
+def test_memory_counts_where_the_file_holds_each_array_once(tmp_path, monkeypatch):
+    """Faces that a file names again, mesh by mesh, are read once, and joined for each."""
+    path = write_nodes(tmp_path)
+    monkeypatch.setattr(files, "MAX_INSTANCED_BYTES", (COUNT + 1) * files.PART_BYTES)
+    monkeypatch.setattr(files, "MAX_UNPACKED_RATIO", 0)
+    monkeypatch.setattr(files, "MIN_UNPACKED_LIMIT", 2 * COUNT * files.PART_BYTES)
+    assert len(split_parts(open_sequence([str(path)]).first)) == COUNT
+    monkeypatch.setattr(files, "MIN_UNPACKED_LIMIT", (COUNT + 1) * files.PART_BYTES)
+    with refused(FormatError, "of memory with all instances of its meshes", path):
+        open_sequence([str(path)])
+
+
 def test_instances_of_a_file_that_is_as_large_are_not_counted(tmp_path, monkeypatch):
     monkeypatch.setattr(files, "MAX_INSTANCED_BYTES", 0)
+    monkeypatch.setattr(files, "MIN_UNPACKED_LIMIT", 2 * COUNT * files.PART_BYTES)
     path = write_nodes(tmp_path)
     assert len(split_parts(open_sequence([str(path)]).first)) == COUNT
 

@@ -128,7 +128,8 @@ class ClaimedBytes:
 
     def _check_instances(self) -> None:
         taken = max(self._copied, self._held)
-        is_packed = self._claimed + self._copied > compute_unpacked_limit(self.packed)
+        unpacked = max(self._claimed + self._copied, self._held)
+        is_packed = unpacked > compute_unpacked_limit(self.packed)
         if taken > MAX_INSTANCED_BYTES and is_packed:
             raise FormatError(
                 f"takes at least {format_bytes(taken)} of memory with all instances of its meshes, "
