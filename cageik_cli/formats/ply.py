@@ -506,12 +506,18 @@ class PlyRows:
         """Read the rows if the lists of all have the sizes of those in the first, else None."""
         if not element.count:
             return None
-        start = self._offset
+        start = offset = self._offset
         sizes = {}
-        for name in element.lists:
-            self._offset = start
-            sizes[name] = int(self._walk_rows(element, name, 1)[1][0])
-        self._offset = start
+        for name, codes in element.type_codes.items():
+            (size,) = struct.unpack_from(self.order + codes[0], self._data, offset)
+            offset += struct.calcsize(self.order + codes[0])
+            if len(codes) == 2:
+                if size < 0:
+                    raise ValueError(f"it has a list of {size} items")
+                sizes[name] = int(size)
+                offset += size * struct.calcsize(self.order + codes[1])
+        if offset > len(self._data):
+            raise ValueError("it is cut short")
         kind = element.make_row_dtype(self.order, sizes)
         if start + element.count * kind.itemsize > len(self._data):
             return None
