@@ -66,7 +66,7 @@ class NodeTree:
             matrix = item.find_numbers("matrix", 16)
             if matrix is not None:
                 self.matrices[k] = matrix.reshape(4, 4).T
-        self._names = self._choose_names()
+        self._names, self._paths = self._choose_names(), dict[int, str]()
 
     def compute_worlds(self, values: dict[str, Floats]) -> Floats:
         """Return the transforms (N, 4, 4) of all nodes into the scene, for columns.
@@ -83,18 +83,20 @@ class NodeTree:
 
     def make_path(self, number: int) -> str:
         """Return the names of the nodes from the top to one."""
-        names: list[str] = []
-        length, k = 0, number
-        while k >= 0:
-            names.append(self._names[k])
-            length += 1 + len(self._names[k])
-            if length > MAX_NAME_LENGTH:
+        added, k = [], number
+        while k >= 0 and k not in self._paths:
+            added.append(k)
+            k = int(self._parents[k])
+        path = self._paths.get(k, "")
+        for k in reversed(added):
+            path += f"/{self._names[k]}"
+            if len(path) > MAX_NAME_LENGTH:
                 raise FormatError(
                     f"the path of nodes[{number}] has more than {MAX_NAME_LENGTH} characters; "
                     "give its nodes shorter names, or fewer above it"
                 )
-            k = int(self._parents[k])
-        return "/" + "/".join(reversed(names))
+            self._paths[k] = path
+        return path
 
     def list_in_order(self) -> list[int]:
         """List all nodes, each before those below it, and these before the next beside it."""
@@ -104,13 +106,12 @@ class NodeTree:
             waiting += self._children[found[-1]][::-1]
         return found
 
-    def list_above(self, number: int) -> list[int]:
-        """Return a node and those above it."""
-        found = []
-        while number >= 0:
-            found.append(number)
-            number = int(self._parents[number])
-        return found
+    def mark_below(self, marked: Mask) -> Mask:
+        """Return which nodes are marked, (N,), or below one that is."""
+        marked = marked.copy()
+        for level in self._levels[1:]:
+            marked[level] |= marked[self._parents[level]]
+        return marked
 
     def _find_parents(self) -> Integers:
         """Return the node above each; -1 at the top."""

@@ -201,6 +201,8 @@ class Rig:
     ----------
     find_worlds : callable
         Returns the transforms (N, 4, 4) of all nodes at a time, for columns.
+    is_moved : (N,) bool
+        Whether each node, or one above it, is animated.
     """
 
     def __init__(
@@ -211,6 +213,9 @@ class Rig:
         counts = {k: counts[mesh] for k, mesh in mesh_numbers.items()}
         self.animation = Animation(document, tree, item, counts)
         self.mesh_numbers, self._target_counts = mesh_numbers, counts
+        is_moved = np.zeros(len(document.nodes), bool)
+        is_moved[self.animation.list_moved()] = True
+        self.is_moved = tree.mark_below(is_moved)
         # The times of the frames that threads read.
         self.find_worlds = lru_cache(8)(
             lambda time: tree.compute_worlds(self.animation.evaluate_nodes(time))
@@ -278,9 +283,7 @@ class GltfMesh(SceneMesh):
 
     def has_moving_transform(self) -> bool:
         """Return whether the node, or one above it, is animated."""
-        return self._skin is None and any(
-            self._rig.animation.moves(k) for k in self._rig.tree.list_above(self._node)
-        )
+        return self._skin is None and bool(self._rig.is_moved[self._node])
 
     def read_points(self, time: float) -> Floats:
         """Return the vertices, moved by morph targets and joints."""
@@ -492,9 +495,9 @@ class Animation:
         if any((np.diff(each.keys) == 0).any() for each in self._read.values()):
             self.notes.append("some keys are at the same time, where values jump")
 
-    def moves(self, node: int) -> bool:
-        """Return whether the place of a node is animated."""
-        return any((node, path) in self._samplers for path in TRS_WIDTHS)
+    def list_moved(self) -> list[int]:
+        """List the nodes whose place is animated."""
+        return [node for node, path in self._samplers if path in TRS_WIDTHS]
 
     def evaluate_nodes(self, time: float) -> dict[str, Floats]:
         """Return the values of all nodes at a time, for `NodeTree.compute_worlds`."""

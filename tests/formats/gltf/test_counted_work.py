@@ -71,6 +71,18 @@ def build_targets():
     return built
 
 
+def build_levels():
+    """Nodes that are all below many others."""
+    built, _ = build_mesh()
+    first = len(built.json["nodes"])
+    built.json["nodes"] += [{"name": "a", "children": [first + k + 1]} for k in range(COUNT)]
+    below = [first + COUNT + 1 + k for k in range(COUNT)]
+    built.json["nodes"].append({"name": "a", "children": below})
+    built.json["nodes"] += [{"mesh": 0}] * COUNT
+    built.animate("move", (first, "translation", [0.0, 1.0], np.eye(2, 3), "LINEAR"))
+    return built
+
+
 def build_skins(skin_count=1):
     """Nodes whose meshes and joints are the same."""
     built, primitive = build_mesh()
@@ -93,6 +105,20 @@ def test_what_nodes_share_is_looked_at_once(tmp_path, monkeypatch, build):
     reader = Reader(ClipRequest((build().save(tmp_path / "a.glb"),)))
     assert len(reader.first.vertices) >= 4
     assert len(looks) < MOST_LOOKS
+
+
+def test_nodes_below_many_others_are_named_and_moved_by_them(tmp_path):
+    """Their paths begin with that of the node above, and it is known whether that moves."""
+    reader = Reader(ClipRequest((build_levels().save(tmp_path / "a.glb"),)))
+    names = list(reader._meshes)
+    assert names[0] == "/node_0"
+    above = "/a" * (COUNT + 1)
+    assert all(name.startswith(f"{above}/node_") for name in names[1:])
+    moved = [mesh.has_moving_transform() for mesh in reader._meshes.values()]
+    assert moved == [False] + [True] * COUNT
+    tree = reader._rig.tree
+    steps = len(tree._paths)
+    assert steps == 2 * COUNT + 2  # each node once
 
 
 def test_a_sampler_that_channels_share_counts_once(tmp_path):
