@@ -94,6 +94,14 @@ class Mirror:
         reach = tolerance * float(np.linalg.norm(np.ptp(vertices, axis=0)))
         return _Cells(vertices, reach).find_pairs(self)
 
+    def find_nearest(self, vertices: Floats, tolerance: float) -> tuple[Floats, Integers]:
+        """Return how far the mirror image of each vertex is from the nearest vertex, and which.
+
+        They are infinite, and 0, where none is within the tolerance, in diagonals.
+        """
+        reach = tolerance * float(np.linalg.norm(np.ptp(vertices, axis=0)))
+        return _Cells(vertices, reach).find_nearest(self.reflect(vertices))
+
     def mirrors_polygons(self, cage: TriMesh) -> bool:
         """Return whether a cage with such pairs has the mirror image of each of its edges, too."""
         partner = self.find_pairs(cage.vertices)

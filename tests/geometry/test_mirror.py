@@ -151,6 +151,17 @@ def test_the_work_for_points_without_pairs_is_bounded(monkeypatch, name):
         assert CountingCells.made.work <= module.MAX_WORK + len(points) ** 2
 
 
+def test_partners_are_named_where_they_are_near():
+    mirror, points = Mirror([1.0, 0, 0], [0.0, 0, 0]), make_twins(1)
+    lost = int(np.abs(points[:, 0]).argmax())
+    partner = mirror.find_pairs(points)[lost]
+    points[lost] += 0.1
+    distances, nearest = mirror.find_nearest(points, 1e-3)
+    assert np.flatnonzero(np.isinf(distances)).tolist() == sorted([lost, partner])
+    near = np.isfinite(distances)
+    np.testing.assert_array_equal(points[nearest][near], (points * [-1, 1, 1])[near])
+
+
 def test_a_plane_that_was_compared_is_not_compared_again(monkeypatch):
     monkeypatch.setattr(module, "_Cells", CountingCells)
     monkeypatch.setattr(CountingCells, "planes", 0)

@@ -78,11 +78,9 @@ def mirror_pairs(cage: TriMesh, mirror: Mirror) -> Integers:
     HandlesError
         When the cage is not symmetric; the message lists vertices.
     """
-    images = mirror.reflect(cage.vertices)
-    distances = np.linalg.norm(images[:, None] - cage.vertices, axis=2)
-    nearest = distances.argmin(axis=1)
-    off = distances.min(axis=1) > MAX_ASYMMETRY * cage.diagonal
-    wrong = np.flatnonzero(off | (nearest[nearest] != np.arange(len(nearest))))
+    distances, nearest = mirror.find_nearest(cage.vertices, MAX_ASYMMETRY)
+    is_off = ~np.isfinite(distances)
+    wrong = np.flatnonzero(is_off | (nearest[nearest] != np.arange(len(nearest))))
     if len(wrong):
         raise HandlesError(
             f"mirror: the cage is not symmetric, {group_digits(len(wrong))} of "
@@ -90,7 +88,7 @@ def mirror_pairs(cage: TriMesh, mirror: Mirror) -> Integers:
             f"no partner within {100 * MAX_ASYMMETRY:g} % of its diagonal "
             f"({join_truncated(wrong.tolist())}); move the plane, or remove the mirror"
         )
-    return np.asarray(nearest, np.int64)
+    return nearest
 
 
 def free_basis(cage: TriMesh, constraints: CageConstraints, sign: int) -> Floats:
