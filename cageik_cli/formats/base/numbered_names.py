@@ -82,7 +82,7 @@ class NumberedFiles:
 
     def name_around(self, mark: str) -> str:
         """Return the stem of the names with a mark in place of each number that differs."""
-        is_varying = [len(set(column)) > 1 for column in zip(*self.words, strict=True)]
+        is_varying = self._find_varying()
         stem = self.texts[0]
         for k, text in enumerate(self.texts[1:]):
             if k in self.running:
@@ -106,11 +106,7 @@ class NumberedFiles:
         others = {path.name for path in beside} - names
         for digits in (False, True):
             found = sorted(
-                {
-                    one._make_glob(k, digits)
-                    for one in (self, *self.joined)
-                    for k in range(len(one.words))
-                }
+                {pattern for one in (self, *self.joined) for pattern in one._make_globs(digits)}
             )
             if not any(fnmatchcase(name, pattern) for name in others for pattern in found):
                 break
@@ -131,15 +127,20 @@ class NumberedFiles:
         stem = "".join(text + word for text, word in zip(self.texts, [*words, ""], strict=True))
         return path.with_name(stem + path.name[len(file_stem(path)) :])
 
-    def _make_glob(self, place: int, digits: bool) -> str:
-        """Return a pattern for the name of a file: with a star, or as many digits as it has."""
-        path, words = self.paths[place], self.words[place]
-        pattern = glob.escape(self.texts[0])
-        for k, text in enumerate(self.texts[1:]):
-            is_fixed = len({each[k] for each in self.words}) == 1
-            varying = "[0-9]" * len(words[k]) if digits else "*"
-            pattern += (words[k] if is_fixed else varying) + glob.escape(text)
-        return pattern + glob.escape(path.name[len(file_stem(path)) :])
+    def _make_globs(self, digits: bool) -> Iterator[str]:
+        """Yield a pattern for the name of each file: with stars, or as many digits as it has."""
+        texts = [glob.escape(text) for text in self.texts]
+        is_varying = self._find_varying()
+        for path, words in zip(self.paths, self.words, strict=False):  # then those that are joined
+            pattern = texts[0]
+            for word, varies, text in zip(words, is_varying, texts[1:], strict=True):
+                varying = "[0-9]" * len(word) if digits else "*"
+                pattern += (varying if varies else word) + text
+            yield pattern + glob.escape(path.name[len(file_stem(path)) :])
+
+    def _find_varying(self) -> list[bool]:
+        """Return which numbers differ among the names."""
+        return [len(set(column)) > 1 for column in zip(*self.words, strict=True)]
 
 
 def group_series(paths: Sequence[Path]) -> list[NumberedFiles]:
