@@ -16,7 +16,7 @@ call for each.
 
 import numpy as np
 
-from cageik_cli.util.arrays import Floats
+from cageik_cli.util.arrays import Floats, Mask
 
 UP_TURNS = {
     ("Z", "Y"): np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]]),
@@ -45,6 +45,15 @@ FACTOR_INDICES = np.array(
 
 PARTNER_INDICES = FACTOR_INDICES.reshape(2, 2, 9)[:, ::-1].ravel()
 """The index that each factor is multiplied with."""
+
+
+def are_rotations(matrices: Floats) -> Mask:
+    """Return which of k matrices, (k, 3, 3), are rotations: R Rᵀ = 1 within 1e-9, det R > 0."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        products = matrices @ matrices.swapaxes(1, 2)
+        is_orthogonal = np.all(np.abs(products - np.eye(3)) < 1e-9, axis=(1, 2))
+        held = np.where(is_orthogonal[:, None, None], matrices, 0)
+        return np.asarray(is_orthogonal & (np.linalg.det(held) > 0))
 
 
 def nearest_rotations_by_entry(entries: Floats) -> Floats:

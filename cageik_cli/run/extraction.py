@@ -48,7 +48,7 @@ from cageik_cli.method.solve.regions import (
 from cageik_cli.method.solve.settings import SolveSettings
 from cageik_cli.method.solve.summary import MAX_BRIDGED_FRAMES, ClipSummary
 from cageik_cli.method.weights.binding import Binding, reconstruct_frames
-from cageik_cli.run.executor import MemoryPlan, RunBlocks, run_in_threads
+from cageik_cli.run.executor import MemoryPlan, RunBlocks, choose_block_size, run_in_threads
 from cageik_cli.run.fit import (
     choose_compared_frames,
     choose_fit,
@@ -431,6 +431,9 @@ class Extraction:
             fit=compute_key({}, binding.weights, *found) if is_fitted_here else "",
             vertices=len(binding.rest.vertices),
             cage_vertices=len(binding.cage.vertices),
+            block_frames=choose_block_size(len(binding.rest.vertices)),
+            sampled_vertices=len(self.block_solver.solver.sampled_vertices),
+            weighs_frames=self.weighs_frames,
         )
 
 

@@ -5,7 +5,8 @@ follow the spec and the blocks, each behind its length and its checksum. Wheneve
 the blocks before the first damaged one are valid, and a run can continue after them. The result is
 composed of the checkpoint in one pass, so it does not depend on how often the run was interrupted.
 
-A block is held as a header, then one array after another.
+A block is held as a header, then one array after another. Digests tell damage, not intent: what a
+checkpoint says is checked before it is used, as in a file of any other origin.
 """
 
 import hashlib
@@ -17,10 +18,11 @@ import zlib
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, get_origin
 
 import numpy as np
 
+from cageik_cli.geometry.rotations import are_rotations
 from cageik_cli.method.solve.blocks import KeptBlock, SolvedBlock
 from cageik_cli.method.solve.metrics import (
     KEPT_TYPES,
@@ -28,9 +30,13 @@ from cageik_cli.method.solve.metrics import (
     DeviationPeaks,
     FrameMetrics,
     KeptMetrics,
+    are_lengths,
+    find_invalid_metric,
+    map_columns,
 )
 from cageik_cli.method.solve.summary import ClipSummary
 from cageik_cli.store.result_fields import pack_reasons, unpack_reasons
+from cageik_cli.util.arrays import Mask
 from cageik_cli.util.errors import CheckpointError, FormatError, error_context, make_write_error
 from cageik_cli.util.files import open_input, open_locked, remove_locked, set_size
 from cageik_cli.util.messages import Hint, Said, Text, join_texts, say
@@ -40,11 +46,15 @@ from cageik_cli.util.version import __version__
 CHECKPOINT_START = b"cageik.partial "
 
 
-CHECKPOINT_MAGIC = CHECKPOINT_START + b"8\n"
+CHECKPOINT_MAGIC = CHECKPOINT_START + b"9\n"
 """Raise its number when the spec, the bytes of blocks or the solve change, so that older ones are
 refused."""
 
 _RECORD_HEADER = struct.Struct("<QI")  # length and checksum of what follows
+
+
+class UnknownFieldsError(Exception):
+    """A spec has other fields than those of this version."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,6 +70,12 @@ class RunSpec:
     fit : str
         Digest of the weights that the run fits to its frames; empty if it fits none. If frames have
         changed, a continued run fits others, and solves all frames again.
+    block_frames : int
+        Frames of each block but the last.
+    sampled_vertices : int
+        Vertices whose displacements the blocks hold.
+    weighs_frames : bool
+        Whether the blocks hold what was kept.
     """
 
     frames: list[str]
@@ -69,7 +85,35 @@ class RunSpec:
     fit: str
     vertices: int
     cage_vertices: int
+    block_frames: int
+    sampled_vertices: int
+    weighs_frames: bool
     version: str = __version__
+
+    @staticmethod
+    def parse(text: bytes) -> "RunSpec":
+        """Return the spec of JSON.
+
+        Raises
+        ------
+        ValueError
+            When it is not JSON, or holds something else than a spec.
+        UnknownFieldsError
+            When it holds other fields.
+        """
+        held = _parse_object(text)
+        kinds = {field.name: field.type for field in fields(RunSpec)}
+        if held.keys() != kinds.keys():
+            raise UnknownFieldsError
+        for name, value in held.items():
+            kind = get_origin(kinds[name]) or kinds[name]
+            if type(value) is not kind:
+                raise ValueError(f"`{name}` is no {kind}")
+            if kind is int and value < (name != "sampled_vertices"):
+                raise ValueError(f"`{name}` is too small")
+        if not held["frames"] or not all(type(name) is str for name in held["frames"]):
+            raise ValueError("`frames` are no names")
+        return RunSpec(**held)
 
     def describe_difference(self, other: "RunSpec") -> Said:
         """Say what differs from the run `other` that is to be continued; nothing if it can be.
@@ -320,10 +364,12 @@ def _read_spec(path: Path, file: io.FileIO) -> RunSpec | None:
     text = file.read(length) if length <= os.fstat(file.fileno()).st_size else b""
     if hashlib.sha256(text).hexdigest().encode() != digest:
         return None
-    held = json.loads(text)
-    if set(held) != {field.name for field in fields(RunSpec)}:
-        raise _make_version_error(path)
-    return RunSpec(**held)
+    try:
+        return RunSpec.parse(text)
+    except UnknownFieldsError as error:
+        raise _make_version_error(path) from error
+    except ValueError as error:
+        raise _make_foreign_error(path) from error
 
 
 def _make_version_error(path: Path) -> CheckpointError:
@@ -340,16 +386,20 @@ def _read_blocks(file: io.FileIO, spec: RunSpec, done: int = 0) -> Iterator[Solv
     place = file.tell()
     while True:
         file.seek(place)
-        head = file.read(_RECORD_HEADER.size)
-        if len(head) < _RECORD_HEADER.size:
+        head = file.read(_RECORD_HEADER.size + _BLOCK_HEADER.size)
+        if len(head) < _RECORD_HEADER.size + _BLOCK_HEADER.size:
             return
-        length, checksum = _RECORD_HEADER.unpack(head)
-        left = os.fstat(file.fileno()).st_size - file.tell()
-        data = file.read(length) if length <= left else b""
+        length, checksum = _RECORD_HEADER.unpack(head[: _RECORD_HEADER.size])
+        begin = head[_RECORD_HEADER.size :]
+        left = os.fstat(file.fileno()).st_size - file.tell() + len(begin)
+        if length > left or not _is_next_block(begin, spec, done, length):
+            return
+        data = begin + file.read(length - len(begin))
         if len(data) < length or zlib.crc32(data) != checksum:
             return
-        block = from_bytes(data, spec.vertices, spec.cage_vertices)
-        if block.start != done:
+        try:
+            block = from_bytes(data, spec)
+        except ValueError:
             return
         done, place = block.stop, file.tell()
         yield block
@@ -363,6 +413,8 @@ def _write_all(file: io.FileIO, data: bytes) -> None:
 
 _BLOCK_HEADER = struct.Struct("<QQQQQ")
 """First frame, frames, sampled vertices, bytes of the faults, and of what was kept."""
+
+_DIGEST_SIZE = hashlib.sha256().digest_size
 
 
 def to_bytes(block: SolvedBlock) -> bytes:
@@ -387,11 +439,32 @@ def to_bytes(block: SolvedBlock) -> bytes:
     )
 
 
-def from_bytes(data: bytes, vertices: int, cage_vertices: int) -> SolvedBlock:
-    """Return the block of these bytes."""
-    stream = io.BytesIO(data)
+def _is_next_block(head: bytes, spec: RunSpec, done: int, length: int) -> bool:
+    """Return whether a header of a block is that of the frames from `done` on, in so many bytes."""
+    start, count, rows, faults, kept = _BLOCK_HEADER.unpack(head)
+    expected = min(spec.block_frames, len(spec.frames) - done)
+    if (start, count, rows) != (done, expected, spec.sampled_vertices) or count < 1:
+        return False
+    if (kept > 0) != spec.weighs_frames:
+        return False
+    numbers = 3 * spec.cage_vertices + 9 + len(METRIC_TYPES)
+    arrays = 8 * (count * numbers + 3 * spec.vertices) + 12 * rows * count
+    least_kept = 8 * (count * len(KEPT_TYPES) + spec.vertices + count + 1)
+    whole = len(head) + _DIGEST_SIZE * count + arrays + faults + kept
+    return bool(whole == length and (not kept or kept >= least_kept))
+
+
+def from_bytes(data: bytes, spec: RunSpec) -> SolvedBlock:
+    """Return the block of bytes whose header is one of this spec.
+
+    Raises
+    ------
+    ValueError
+        When they hold what no run has solved.
+    """
+    stream, vertices, cage_vertices = io.BytesIO(data), spec.vertices, spec.cage_vertices
     start, count, rows, length, kept_length = _BLOCK_HEADER.unpack(stream.read(_BLOCK_HEADER.size))
-    digests = tuple(stream.read(hashlib.sha256().digest_size) for _ in range(count))
+    digests = tuple(stream.read(_DIGEST_SIZE) for _ in range(count))
     cages = np.frombuffer(stream.read(24 * count * cage_vertices), "<f8")
     rotations = np.frombuffer(stream.read(72 * count), "<f8")
     columns = _unpack_columns(stream, count, METRIC_TYPES)
@@ -399,8 +472,8 @@ def from_bytes(data: bytes, vertices: int, cage_vertices: int) -> SolvedBlock:
         np.frombuffer(stream.read(8 * vertices), kind) for kind in ("<f8", "<f8", "<i8")
     )
     sampled = np.frombuffer(stream.read(12 * rows * count), "<f4")
-    faults = unpack_reasons(json.loads(stream.read(length)))
-    return SolvedBlock(
+    reasons = _parse_object(stream.read(length))
+    block = SolvedBlock(
         start=start,
         cages=cages.reshape(count, cage_vertices, 3),
         rotations=rotations.reshape(count, 3, 3),
@@ -408,9 +481,49 @@ def from_bytes(data: bytes, vertices: int, cage_vertices: int) -> SolvedBlock:
         squared_errors=squares,
         peaks=DeviationPeaks(deviations, peak_frames),
         digests=digests,
-        skipped=faults,
+        skipped=unpack_reasons(reasons),
         sampled=sampled.reshape(rows, 3 * count),
-        kept=_unpack_kept(stream, count, vertices) if kept_length else None,
+        kept=_unpack_kept(stream.read(kept_length), count, vertices) if kept_length else None,
+    )
+    _check_block(block, vertices)
+    return block
+
+
+def _check_block(block: SolvedBlock, vertices: int) -> None:
+    """Refuse what no run has solved, of a model of so many vertices."""
+    frames = range(block.start, block.stop)
+    known = np.array([frame not in block.skipped for frame in frames])
+    poses = np.concatenate([block.cages.reshape(len(known), -1), block.rotations.reshape(-1, 9)], 1)
+    is_gap = np.isnan(poses).all(axis=1) & ~known  # those that were filled have a pose
+    figures = map_columns(block.metrics, lambda column: column[known])
+    worst, squares, peaks = figures.worst_vertex, block.squared_errors, block.peaks
+    is_peak = (peaks.frames >= block.start) & (peaks.frames < block.stop)
+    is_sound = [
+        all(frame in frames for frame in block.skipped),
+        (are_lengths(np.abs(block.cages)).all(axis=(1, 2)) | is_gap).all(),
+        (are_rotations(block.rotations) | is_gap).all(),
+        find_invalid_metric(figures) is None,
+        np.isnan(block.metrics.rms[~known]).all(),
+        ((worst >= 0) & (worst < vertices)).all(),
+        (np.isnan(squares) | ((squares >= 0) & (squares < np.inf))).all(),
+        (are_lengths(peaks.deviations) & (is_peak | (peaks.frames == -1))).all(),
+        np.isfinite(block.sampled).all(),
+        block.kept is None or _is_sound(block.kept, known, vertices),
+    ]
+    if not all(is_sound):
+        raise ValueError("no solved block")
+
+
+def _is_sound(kept: KeptBlock, known: Mask, vertices: int) -> bool:
+    """Return whether a run can have kept this of frames, (k,), that are known or skipped."""
+    metrics = map_columns(kept.metrics, lambda column: column[known])
+    counts = np.concatenate([metrics.missing, metrics.rejected, kept.vertices])
+    return bool(
+        ((counts >= 0) & (counts <= vertices)).all()
+        and (kept.vertices < vertices).all()
+        and are_lengths(np.concatenate([metrics.rms_kept, metrics.max_deviation_kept])).all()
+        and ((kept.counts >= 0) & (kept.counts <= len(known))).all()
+        and are_lengths(kept.weights).all()
     )
 
 
@@ -426,13 +539,17 @@ def _pack_kept(kept: KeptBlock) -> bytes:
     )
 
 
-def _unpack_kept(stream: io.BytesIO, count: int, vertices: int) -> KeptBlock:
+def _unpack_kept(data: bytes, count: int, vertices: int) -> KeptBlock:
+    stream = io.BytesIO(data)
     columns = _unpack_columns(stream, count, KEPT_TYPES)
     counts = np.frombuffer(stream.read(8 * vertices), "<i8")
     starts = np.frombuffer(stream.read(8 * (count + 1)), "<i8")
-    entries = int(starts[-1])
+    entries = (len(data) - stream.tell()) // 16
     places = np.frombuffer(stream.read(8 * entries), "<i8")
-    values = np.frombuffer(stream.read(8 * entries), "<f8")
+    values = np.frombuffer(stream.read(), "<f8")
+    is_whole = (starts[0], starts[-1], len(values)) == (0, entries, entries)
+    if not is_whole or (starts[1:] < starts[:-1]).any():
+        raise ValueError(f"{entries} entries, expected those that their starts tell")
     return KeptBlock(KeptMetrics(**columns), starts, places, values, counts)
 
 
@@ -444,3 +561,14 @@ def _pack_columns(metrics: FrameMetrics | KeptMetrics, types: Mapping[str, str])
 
 def _unpack_columns(stream: io.BytesIO, count: int, types: Mapping[str, str]) -> dict[str, Any]:
     return {name: np.frombuffer(stream.read(8 * count), f"<{kind}") for name, kind in types.items()}
+
+
+def _parse_object(text: bytes) -> dict[str, Any]:
+    """Return an object of JSON; raises ValueError for anything else."""
+    try:
+        held = json.loads(text)
+    except RecursionError as error:
+        raise ValueError("nested too deeply") from error
+    if not isinstance(held, dict):
+        raise ValueError("not an object")
+    return held

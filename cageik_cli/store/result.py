@@ -24,6 +24,7 @@ from cageik_cli.formats.base.hdf5 import (
 )
 from cageik_cli.formats.settings import Scene
 from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.geometry.rotations import are_rotations
 from cageik_cli.method.solve.dual_laplacian import SolveQuality
 from cageik_cli.method.solve.metrics import (
     KEPT_TYPES,
@@ -513,10 +514,7 @@ def read_rotations(result: StoredAnimation) -> Floats:
     known = np.setdiff1d(np.arange(count), result.gaps)
     with open_checked(result.path) as file:
         rotations = read_floats(file, "rotations", (count, 3, 3))
-        with np.errstate(over="ignore", invalid="ignore"):
-            products = rotations @ rotations.swapaxes(1, 2)
-            wrong = ~(np.abs(products - np.eye(3)) < 1e-9).all(axis=(1, 2))  # RRᵀ is not I
-            wrong |= ~(np.linalg.det(np.where(np.isfinite(rotations), rotations, 0)) > 0)
+        wrong = ~are_rotations(rotations)
         wrong[result.gaps] = False
         if wrong.any():
             name = result.frames[int(np.argmax(wrong))]

@@ -4,7 +4,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cageik_cli.geometry import rotations
-from cageik_cli.geometry.rotations import nearest_rotations_by_entry, nearest_rotations_by_svd
+from cageik_cli.geometry.rotations import (
+    are_rotations,
+    nearest_rotations_by_entry,
+    nearest_rotations_by_svd,
+)
 from tests.shapes import rotation
 
 COUNT = 300
@@ -113,3 +117,12 @@ def test_every_limit_is_needed(monkeypatch, limit, value, sizes):
     assert short() < 1e-12
     monkeypatch.setattr(rotations, limit, value)
     assert not short() < 1e-9
+
+
+def test_rotations_are_told_from_other_matrices():
+    turn = rotation(1)
+    sheared, unknown = turn.copy(), turn.copy()
+    sheared[0, 1] += 1e-8
+    unknown[2, 2] = np.nan
+    others = [-turn, 2 * turn, sheared, unknown, np.zeros((3, 3)), np.full((3, 3), 1e300)]
+    assert are_rotations(np.stack([turn, *others])).tolist() == [True] + 6 * [False]

@@ -1,15 +1,26 @@
 """The checkpoint of a run: whenever it is cut off, the blocks before are recovered."""
 
-from dataclasses import fields, replace
+import hashlib
+import json
+import struct
+import tracemalloc
+import zlib
+from dataclasses import asdict, fields, replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from cageik_cli.geometry.frames import Block
-from cageik_cli.method.solve.blocks import SolvedBlock, make_solved_block
+from cageik_cli.geometry.rotations import nearest_rotations_by_svd
+from cageik_cli.method.solve.blocks import KeptBlock, SolvedBlock, make_solved_block
 from cageik_cli.method.solve.dual_laplacian import Solution
-from cageik_cli.method.solve.metrics import DeviationPeaks, FrameMetrics
+from cageik_cli.method.solve.metrics import (
+    DeviationPeaks,
+    FrameMetrics,
+    KeptMetrics,
+    leave_gaps,
+)
 from cageik_cli.method.solve.summary import summarize_blocks
 from cageik_cli.store.checkpoint import (
     CHECKPOINT_MAGIC,
@@ -24,6 +35,7 @@ from cageik_cli.store.checkpoint import (
 from cageik_cli.util.errors import CheckpointError, FormatError, InputError, OutputError
 from cageik_cli.util.files import open_locked
 from cageik_cli.util.messages import Hint
+from tests.refusals import refused
 
 SPEC = RunSpec(
     frames=[f"frame_{k}_é.obj" for k in range(5)],
@@ -33,6 +45,9 @@ SPEC = RunSpec(
     fit="",
     vertices=6,
     cage_vertices=4,
+    block_frames=2,
+    sampled_vertices=5,
+    weighs_frames=False,
 )
 
 
@@ -42,13 +57,16 @@ def block_of(start, count, faults=()):
     columns["worst_vertex"] = np.arange(count)
     digests = tuple(bytes([start + k]) * 32 for k in range(count))
     cages = generator.normal(size=(count, 4, 3))
+    rotations = nearest_rotations_by_svd(generator.normal(size=(count, 3, 3)))
+    gaps = np.array([k - start for k in dict(faults)], np.int64)
+    cages[gaps] = rotations[gaps] = np.nan
     squares = generator.uniform(1, 2, 6)
     peaks = DeviationPeaks(generator.uniform(1, 2, 6), generator.integers(start, start + count, 6))
     return SolvedBlock(
         start=start,
         cages=cages,
-        rotations=generator.normal(size=(count, 3, 3)),
-        metrics=FrameMetrics(**columns),
+        rotations=rotations,
+        metrics=leave_gaps(FrameMetrics(**columns), gaps),
         squared_errors=squares,
         peaks=peaks,
         digests=digests,
@@ -109,7 +127,7 @@ def held(path):
 
 @pytest.mark.parametrize("block", BLOCKS)
 def test_a_block_is_read_from_its_bytes(block):
-    assert_same(from_bytes(to_bytes(block), 6, 4), block)
+    assert_same(from_bytes(to_bytes(block), SPEC), block)
 
 
 def test_all_blocks_are_recovered(log):
@@ -218,9 +236,9 @@ def test_the_summary_does_not_depend_on_interruptions(log, kept):
 def test_blocks_are_read_once_to_be_recovered_and_once_to_be_composed(log, monkeypatch):
     reads = []
 
-    def count(data, *shape):
+    def count(data, spec):
         reads.append(len(data))
-        return from_bytes(data, *shape)
+        return from_bytes(data, spec)
 
     monkeypatch.setattr("cageik_cli.store.checkpoint.from_bytes", count)
     checkpoint = resume(log)
@@ -401,3 +419,181 @@ def test_a_checkpoint_is_deleted_unless_another_run_writes_it(log):
     with pytest.raises(FormatError, match=r"cages\.h5\.partial"):
         delete_checkpoint(log)
     assert log.read_text() == "a novel"
+
+
+def write_with_checksums(path, spec, blocks):
+    """Write a checkpoint of any content, with its digest and checksums."""
+    text = spec if isinstance(spec, bytes) else json.dumps(spec).encode()
+    head = CHECKPOINT_MAGIC + f"{hashlib.sha256(text).hexdigest()} {len(text)}\n".encode() + text
+    framed = [struct.pack("<QI", len(data), zlib.crc32(data)) + data for data in blocks]
+    path.write_bytes(b"".join([head, *framed]))
+
+
+def header(place, number):
+    """Put a number into the header of a block."""
+
+    def change(data):
+        struct.pack_into("<Q", data, 8 * place, number)
+
+    return change
+
+
+def reasons(text):
+    """Put other reasons for skipped frames into a block, and their length into its header."""
+
+    def change(data):
+        old = struct.unpack_from("<Q", data, 24)[0]
+        data[len(data) - old :] = text
+        struct.pack_into("<Q", data, 24, len(text))
+
+    return change
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        *(header(place, number) for place in range(5) for number in (3, 2**62, 2**64 - 1)),
+        header(1, 0),
+        lambda data: data.__delitem__(slice(30, None)),
+        lambda data: data.__delitem__(slice(90, None)),
+        lambda data: data.extend(bytes(8)),
+        *map(reasons, (b"{", b"[]", b"5", b"\xff", b"[" * 100_000, b'{"a": "b"}', b'{"9": "c"}')),
+    ],
+)
+def test_a_block_that_is_not_what_its_header_says_ends_the_checkpoint(log, change):
+    """Its checksum is right: it was written to be wrong."""
+    second = bytearray(to_bytes(BLOCKS[1]))
+    change(second)
+    write_with_checksums(log, asdict(SPEC), [to_bytes(BLOCKS[0]), second, to_bytes(BLOCKS[2])])
+    tracemalloc.start()
+    assert checkpoint_progress(log) == (2, 5)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 1 << 22
+    assert held(log)[0] == 2
+
+
+def put(array, value, place=0):
+    """A copy with another value at a place."""
+    found = np.array(array)
+    found.flat[place] = value
+    return found
+
+
+def put_metric(name, value):
+    return lambda block: {
+        "metrics": replace(block.metrics, **{name: put(getattr(block.metrics, name), value)})
+    }
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        *(
+            lambda block, name=name, value=value: {name: put(getattr(block, name), value)}
+            for name, value in (
+                ("cages", np.nan),
+                ("cages", 1e300),
+                ("rotations", 2.0),
+                ("rotations", np.nan),
+                ("squared_errors", -1.0),
+                ("squared_errors", np.inf),
+                ("sampled", np.nan),
+            )
+        ),
+        lambda block: {"rotations": -block.rotations},
+        lambda block: {"skipped": {}},
+        lambda block: {"skipped": {2: "of another frame", **block.skipped}},
+        lambda block: {"peaks": replace(block.peaks, frames=put(block.peaks.frames, 4))},
+        lambda block: {"peaks": replace(block.peaks, deviations=put(block.peaks.deviations, -1))},
+        *(put_metric(name, -1) for name in ("rms", "max_deviation", "worst_vertex", "spread")),
+        put_metric("worst_vertex", 6),
+        put_metric("volume", np.inf),
+    ],
+)
+def test_a_block_that_no_run_has_solved_is_refused(change):
+    wrong = replace(BLOCKS[1], **change(BLOCKS[1]))
+    with pytest.raises(ValueError, match="no solved block"):
+        from_bytes(to_bytes(wrong), SPEC)
+
+
+KEPT = KeptBlock(
+    metrics=KeptMetrics(np.array([1, -1]), np.array([0, -1]), np.ones(2), np.ones(2)),
+    starts=np.array([0, 2, 2]),
+    vertices=np.array([1, 4]),
+    weights=np.array([0.0, 0.5]),
+    counts=np.array([1, 0, 1, 1, 1, 1]),
+)
+
+
+@pytest.mark.parametrize(
+    ("name", "values"),
+    [
+        ("starts", [0, 1, 2**62]),
+        ("starts", [0, 3, 2]),
+        ("starts", [1, 2, 2]),
+        ("vertices", [1, 6]),
+        ("vertices", [-1, 4]),
+        ("weights", [0, np.nan]),
+        ("counts", [3, 0, 1, 1, 1, 1]),
+        ("metrics", replace(KEPT.metrics, missing=np.array([7, -1]))),
+        ("metrics", replace(KEPT.metrics, rms_kept=np.array([np.inf, 1]))),
+    ],
+)
+def test_what_no_run_has_kept_is_refused(log, name, values):
+    spec = replace(SPEC, weighs_frames=True)
+    sound = replace(BLOCKS[1], kept=KEPT)
+    assert from_bytes(to_bytes(sound), spec).kept.vertices.tolist() == [1, 4]
+    found = values if name == "metrics" else np.array(values)
+    wrong = to_bytes(replace(sound, kept=replace(KEPT, **{name: found})))
+    with pytest.raises(ValueError, match=r"no solved block|entries"):
+        from_bytes(wrong, spec)
+    for held_spec, blocks in ((SPEC, [to_bytes(replace(BLOCKS[0], kept=KEPT))]), (spec, [wrong])):
+        write_with_checksums(log, asdict(held_spec), blocks)
+        assert checkpoint_progress(log) == (0, 5)
+
+
+@pytest.mark.parametrize(
+    "spec",
+    [
+        b"[" * 100_000,
+        b"\xff",
+        b"5",
+        b"NaN",
+        *(
+            {**asdict(SPEC), name: value}
+            for name, value in (
+                ("frames", []),
+                ("frames", 5),
+                ("frames", ["a", 1]),
+                ("settings", [1]),
+                ("sources", None),
+                ("key", 1),
+                ("vertices", 0),
+                ("cage_vertices", 4.0),
+                ("block_frames", True),
+                ("sampled_vertices", -1),
+                ("weighs_frames", 0),
+                ("version", None),
+            )
+        ),
+    ],
+)
+def test_a_spec_of_no_run_is_not_a_checkpoint(log, spec):
+    write_with_checksums(log, spec, [])
+    for read in (checkpoint_progress, delete_checkpoint, resume):
+        with refused(FormatError, "is not a checkpoint", at=log):
+            read(log)
+    assert log.exists()
+
+
+def test_a_spec_with_other_fields_is_of_another_version(log):
+    write_with_checksums(log, {"frames": []}, [])
+    with refused(CheckpointError, "another version", at=log):
+        checkpoint_progress(log)
+
+
+@pytest.mark.parametrize("name", ["vertices", "cage_vertices", "block_frames", "sampled_vertices"])
+def test_blocks_of_other_sizes_than_the_spec_says_are_damaged(log, name):
+    write_with_checksums(log, asdict(replace(SPEC, **{name: 2**62})), map(to_bytes, BLOCKS))
+    assert checkpoint_progress(log) == (0, 5)

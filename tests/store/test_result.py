@@ -489,6 +489,7 @@ def test_a_version_with_invalid_text_is_shown(path):
         ("volume", np.inf),
         ("volume_reconstructed", np.inf),
         ("cages", np.nan),
+        ("cages", -1e300),
     ],
 )
 def test_values_that_could_not_be_read_are_not_written(name, bad):

@@ -275,8 +275,8 @@ def find_invalid_metric(metrics: FrameMetrics) -> str | None:
 def check_finite(frames: Sequence[int] | Integers, cages: Floats, metrics: FrameMetrics) -> None:
     """Check that the cages and metrics of frames, given by number, are finite and not too large."""
     fault = find_invalid_metric(metrics)
-    if fault is not None or not np.isfinite(cages).all():
+    if fault is not None or not are_lengths(np.abs(cages)).all():
         raise NumericalError(
-            f"the solve gave {fault or 'cages that are not finite'} in frames {frames[0]} to "
-            f"{frames[-1]}, counted from 0; scale the scene to coordinates near 1"
+            f"the solve gave {fault or 'cages that are not finite, or too large,'} in frames "
+            f"{frames[0]} to {frames[-1]}, counted from 0; scale the scene to coordinates near 1"
         )
