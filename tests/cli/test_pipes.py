@@ -72,6 +72,18 @@ USES = {
         '#usda 1.0\n(subLayers = [@`"${X}.usda"`@]\n'
         'expressionVariables = { string X = "odd" })\ndef Xform "A" {}\n'
     ),
+    "sublayer by a stronger variable": (
+        "#usda 1.0\n(subLayers = [@weak.usda@]\n"
+        'expressionVariables = { string X = "odd" })\ndef Xform "A" {}\n'
+    ),
+    "reference by a stronger variable": (
+        '#usda 1.0\n(expressionVariables = { string X = "odd" })\n'
+        'def Xform "A" (references = @weak.usda@</B>) {}\n'
+    ),
+    "reference by a variable that is set": (
+        '#usda 1.0\n(expressionVariables = { string Y = "" })\n'
+        'def Xform "A" (payload = @asks.usda@</B>) {}\n'
+    ),
     "reference": '#usda 1.0\ndef Xform "A" (references = @odd.usda@</B>) {}\n',
     "payload": '#usda 1.0\ndef Xform "A" (payload = @odd.usda@</B>) {}\n',
     "reference of a sublayer": '#usda 1.0\n(subLayers = [@inner.usda@])\ndef Xform "A" {}\n',
@@ -93,6 +105,12 @@ def test_a_usd_layer_that_is_a_pipe_is_refused(run, tmp_path, monkeypatch, text,
     monkeypatch.chdir(tmp_path)
     Path("clip.usda").write_text(text)
     Path("inner.usda").write_text(USES["reference"])
+    Path("plain.usda").write_text('#usda 1.0\ndef Xform "B" {}\n')
+    Path("weak.usda").write_text(
+        '#usda 1.0\n(subLayers = [@`"${X}.usda"`@]\nexpressionVariables = { string X = "plain" })\n'
+    )
+    asked = '@`if(defined("Y"), "odd.usda", "plain.usda")`@'
+    Path("asks.usda").write_text(f'#usda 1.0\ndef Xform "B" (references = {asked}) {{}}\n')
     make(Path("odd.usda"))
     outcome = run("info", "clip.usda")
     assert (outcome.code, outcome.out) == (1, "")

@@ -2,7 +2,7 @@
 
 import mmap
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -73,6 +73,38 @@ def _format_diagnostic_text(text: str) -> str:
     return re.sub(r"@([^@]*)@", lambda layer: Path(layer[1]).name, text)
 
 
+class _Variables:
+    """The variables of the expressions that name files in the layers of one stack.
+
+    A stack has those of its root layer, beside those of the stacks that refer to it, which are
+    stronger. Sublayers have none of their own.
+    """
+
+    def __init__(self, values: dict[str, Any]) -> None:
+        self._values, self._key = values, repr(sorted(values.items()))
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Variables) and self._key == other._key
+
+    def __hash__(self) -> int:
+        return hash(self._key)
+
+    def enter(self, layer: Any) -> "_Variables":
+        """Return those of the stack whose root is a layer that a layer with these refers to."""
+        own = layer.expressionVariables
+        return _Variables({**own, **self._values}) if own else self
+
+    def find_files(self, layer: Any, names: Iterable[Any]) -> Iterator[str]:
+        """List the files that names in a layer are of, as far as they exist."""
+        from pxr import Sdf
+
+        for name in names:
+            if Sdf.VariableExpression.IsExpression(name):
+                name = Sdf.VariableExpression(name).Evaluate(self._values).value
+            if isinstance(name, str):
+                yield from _resolve(layer, [name])
+
+
 def check_layers(path: Path) -> list[Any]:
     """Open the layers that a stage is composed of, and check all files that they name.
 
@@ -87,42 +119,55 @@ def check_layers(path: Path) -> list[Any]:
         `MAX_PRIMS` prims. USD would wait for a pipe, read a device without end, and compose prims
         until memory ends.
     """
-    from pxr import Sdf, UsdUtils
+    from pxr import UsdUtils
 
-    found: list[Any] = []
     open_content(path).close()
     _check_nesting(path)
     name = require_unicode(path)
-    seen, waiting = {name}, [name]
+    layers: dict[str, Any] = {}
+    root = name, _Variables({}), False  # its file, the stronger variables, whether a sublayer
+    checked, seen, waiting = {name}, {root}, [root]
     while waiting:
-        name = waiting.pop()
-        held = Sdf.Layer.Find(name)
-        layer = Sdf.Layer.FindOrOpen(name) if not found else _open_named(name, path)
-        if held is not None and not held.dirty:  # edits of someone else stay
-            held.Reload()  # the file may have changed since another clip opened it
+        name, variables, is_sublayer = waiting.pop()
+        layer = layers[name] if name in layers else layers.setdefault(name, _open_layer(name, path))
         if layer is None:
             continue  # USD says why
-        layer.Reload()  # if it is open already, and its file was written again since
-        found.append(layer)
-        if len(found) > MAX_LAYERS:
-            raise FormatError(f"is composed of more than {MAX_LAYERS} layers; export it as one")
+        variables = variables if is_sublayer else variables.enter(layer)
+        below = set(layer.subLayerPaths)
+        others = set(layer.GetCompositionAssetDependencies()) - below
+        composed = {(file, variables, True) for file in variables.find_files(layer, below)}
+        composed |= {(file, variables, False) for file in variables.find_files(layer, others)}
         groups = UsdUtils.ExtractExternalReferences(layer.identifier)  # with clips and pictures
-        named = {file for group in groups for file in _resolve(layer, group)} - seen
-        for file in sorted(named):
-            with error_context(Path(_split_package(file)).name):
-                named_file = Path(_split_package(file))
-                check_input(named_file)
-                trials.allow(named_file.stat().st_size)
-                _check_nesting(named_file)
-        seen |= named
-        waiting += sorted(named & set(_list_composed_files(layer)))
+        named = {file for group in groups for file in _resolve(layer, group)}
+        named |= {file for file, _, _ in composed}
+        _check_named(named - checked)
+        checked |= named
+        waiting += sorted(composed - seen, key=lambda one: one[0])
+        seen |= composed
+        if len(seen) > MAX_LAYERS:
+            raise FormatError(f"is composed of more than {MAX_LAYERS} layers; export it as one")
+    found = [layer for layer in layers.values() if layer is not None]
     try:
-        count = _PrimCounter().count(found[0], found[0].pseudoRoot) if found else 0
+        count = _PrimCounter().count_stage(found[0]) if found else 0
     except RecursionError as error:
         raise FormatError("its references are nested too deeply; export the mesh alone") from error
     if count > MAX_PRIMS:
         raise FormatError(f"its references make more than {MAX_PRIMS} prims; export the mesh alone")
     return found
+
+
+def _open_layer(name: str, stage: Path) -> Any:
+    """Open a layer as its file is now; None if it is that of the stage, and not sound."""
+    from pxr import Sdf
+
+    held = Sdf.Layer.Find(name)
+    is_stage = name == require_unicode(stage)
+    layer = Sdf.Layer.FindOrOpen(name) if is_stage else _open_named(name, stage)
+    if held is not None and not held.dirty:  # edits of someone else stay
+        held.Reload()  # the file may have changed since another clip opened it
+    if layer is not None:
+        layer.Reload()  # if it is open already, and its file was written again since
+    return layer
 
 
 def _open_named(name: str, stage: Path) -> Any:
@@ -198,6 +243,16 @@ def list_missing(stage: Any, path: Path) -> dict[str, str]:
     return dict(sorted(missing.items()))  # USD composes in several threads
 
 
+def _check_named(files: set[str]) -> None:
+    """Refuse files that layers name, before USD opens them."""
+    for file in sorted(files):
+        named_file = Path(_split_package(file))
+        with error_context(named_file.name):
+            check_input(named_file)
+            trials.allow(named_file.stat().st_size)
+            _check_nesting(named_file)
+
+
 def _check_nesting(path: Path) -> None:
     """Refuse a text whose brackets are nested more than `MAX_NESTING` levels deep."""
     with open_input(path) as file:
@@ -234,58 +289,56 @@ class _PrimCounter:
     """
 
     def __init__(self) -> None:
-        self._counts: dict[tuple[str, str], int] = {}
+        self._counts: dict[tuple[str, str, _Variables], int] = {}
 
-    def count(self, layer: Any, spec: Any) -> int:
+    def count_stage(self, layer: Any) -> int:
+        """Bound the prims of a stage by its root layer."""
+        return self.count(layer, layer.pseudoRoot, _Variables({}).enter(layer))
+
+    def count(self, layer: Any, spec: Any, variables: _Variables) -> int:
         """Bound the prims at and below one of a layer, or of all for its pseudo-root.
 
-        A cycle, which USD refuses, counts nothing.
+        A cycle, which USD refuses, counts nothing. One prim more than are allowed are looked at.
         """
-        key = layer.identifier, str(spec.path)
+        key = layer.identifier, str(spec.path), variables
         if key not in self._counts:
             self._counts[key] = 0
-            self._counts[key] = 1 + sum(self._count_parts(layer, spec))
+            if len(self._counts) <= MAX_PRIMS + 1:
+                self._counts[key] = 1 + sum(self._count_parts(layer, spec, variables))
         return self._counts[key]
 
-    def _count_parts(self, layer: Any, spec: Any) -> Iterator[int]:
+    def _count_parts(self, layer: Any, spec: Any, variables: _Variables) -> Iterator[int]:
         """Yield a bound for each child, each arc and each variant of a prim."""
         for child in spec.nameChildren:
-            yield self.count(layer, child)
+            yield self.count(layer, child, variables)
         if spec == layer.pseudoRoot:
-            yield from (self._count_target(layer, name, None) for name in layer.subLayerPaths)
+            for name in layer.subLayerPaths:
+                yield self._count_target(layer, name, None, variables, is_sublayer=True)
             return
         for arcs in (spec.referenceList, spec.payloadList):
             for arc in arcs.GetAddedOrExplicitItems():
-                yield self._count_target(layer, arc.assetPath, arc.primPath)
+                yield self._count_target(layer, arc.assetPath, arc.primPath, variables)
         for paths in (spec.inheritPathList, spec.specializesList):
             for path in paths.GetAddedOrExplicitItems():
-                yield self._count_target(layer, "", path)
+                yield self._count_target(layer, "", path, variables)
         for variants in spec.variantSets.values():
             for variant in variants.variantList:
-                yield self.count(layer, variant.primSpec)
+                yield self.count(layer, variant.primSpec, variables)
 
-    def _count_target(self, layer: Any, asset: str, path: Any) -> int:
+    def _count_target(
+        self, layer: Any, asset: str, path: Any, variables: _Variables, is_sublayer: bool = False
+    ) -> int:
         """Bound the prims of what a prim refers to; without a path, of the default prim."""
         from pxr import Sdf
 
-        for file in _resolve(layer, [asset]) if asset else (layer.identifier,):
+        for file in variables.find_files(layer, [asset]) if asset else (layer.identifier,):
             target = Sdf.Layer.Find(file)
             if target is not None:
+                if asset and not is_sublayer:
+                    variables = variables.enter(target)
                 spec = target.GetPrimAtPath(path) if path else target.pseudoRoot
-                return 0 if spec is None else self.count(target, spec)
+                return 0 if spec is None else self.count(target, spec, variables)
         return 0
-
-
-def _list_composed_files(layer: Any) -> Iterator[str]:
-    """List the layers that exist of those that a layer is composed with: not its value clips."""
-    from pxr import Sdf
-
-    variables = layer.expressionVariables
-    for name in layer.GetCompositionAssetDependencies():
-        if Sdf.VariableExpression.IsExpression(name):
-            name = Sdf.VariableExpression(name).Evaluate(dict(variables)).value
-        if isinstance(name, str):
-            yield from _resolve(layer, [name])
 
 
 def _resolve(layer: Any, names: list[str]) -> Iterator[str]:

@@ -1,0 +1,115 @@
+"""The layers of a stage are found as USD composes them, before USD opens them."""
+
+import random
+from pathlib import Path
+
+from pxr import Tf, Usd
+
+from cageik_cli.formats.open import open_sequence
+from cageik_cli.formats.usd import library
+from cageik_cli.formats.usd.library import check_layers
+from cageik_cli.util.errors import FormatError
+from tests.refusals import refused
+
+NAMES = "abcdef"
+
+ARC = '@`"./${X}.usda"`@'
+
+
+def write_layer(name, *metadata, arcs=(), below=""):
+    """Write a text layer with a prim, its arcs, and what is below it."""
+    text = ["#usda 1.0", "(", 'defaultPrim = "m"', *metadata, ")", 'def "m" (', *arcs, ") {", below]
+    Path(name).write_text("\n".join([*text, "}", ""]))
+
+
+def set_variables(**values):
+    texts = (f'string {name} = "{value}"' for name, value in values.items())
+    return "expressionVariables = {\n" + "\n".join(texts) + "\n}"
+
+
+def name_at_random(generator):
+    """A file by its name, or by an expression."""
+    one = generator.choice(NAMES)
+    return generator.choice(
+        [
+            f"@./{one}.usda@",
+            ARC,
+            '@`"./${Y}.usda"`@',
+            f'@`if(defined("X"), "./${{X}}.usda", "./{one}.usda")`@',
+            f'@`if(eq("${{X}}", "a"), "./${{Y}}.usda", "./{one}.usda")`@',
+        ]
+    )
+
+
+def write_at_random(generator):
+    """Layers that name each other, by variables that any of them may set."""
+    for name in NAMES:
+        chosen = [each for each in "XY" if generator.random() < 0.6]
+        values = {each: generator.choice([*NAMES, "`'${Y}'`"]) for each in chosen}
+        below = [name_at_random(generator) for _ in range(generator.choice([0, 0, 1, 2]))]
+        kind = generator.choice(["references", "payload", "inherits"])
+        arc = "</m/k>" if kind == "inherits" else name_at_random(generator)
+        write_layer(
+            f"{name}.usda",
+            set_variables(**values) if values else "",
+            f"subLayers = [{', '.join(below)}]",
+            arcs=[f"prepend {kind} = {arc}"],
+            below=f'class "k" (prepend references = {name_at_random(generator)}) {{\n}}',
+        )
+
+
+def test_every_layer_that_usd_uses_was_checked(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    found = 0
+    for seed in range(20):
+        write_at_random(random.Random(seed))
+        with Tf.DiagnosticTrap() as trap:
+            checked = check_layers(Path("a.usda"))
+            stage = Usd.Stage.Open("a.usda")
+            list(stage.TraverseAll())
+            used = [layer.realPath for layer in stage.GetUsedLayers() if not layer.anonymous]
+            trap.Clear()
+        assert set(used) <= {layer.realPath for layer in checked}
+        found += len(used)
+    assert found > 40
+
+
+def test_a_layer_is_followed_for_each_value_of_its_variables(tmp_path, monkeypatch):
+    """One layer, referred to by two that set its variable."""
+    monkeypatch.chdir(tmp_path)
+    for name in ("one", "two"):
+        write_layer(
+            f"{name}.usda", set_variables(X=f"{name}_end"), arcs=["references = @end.usda@"]
+        )
+        write_layer(f"{name}_end.usda")
+    write_layer("end.usda", set_variables(X="end"), arcs=[f"references = {ARC}"])
+    write_layer("top.usda", "subLayers = [@low.usda@]", arcs=["references = @one.usda@"])
+    write_layer("low.usda", below='def "n" (references = @two.usda@) {\n}')
+    found = {Path(layer.realPath).name for layer in check_layers(Path("top.usda"))}
+    assert found >= {"one_end.usda", "two_end.usda"}
+
+
+def test_prims_behind_expressions_are_counted(tmp_path, monkeypatch):
+    """Each layer brings the next in three times, by a variable of the first."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(library, "MAX_PRIMS", 1000)
+    for k in range(8):
+        arcs = f'@`"./${{P}}{k + 1}.usda"`@'
+        below = "".join(f'def "c{n}" (references = {arcs}) {{\n}}\n' for n in range(3))
+        variables = [set_variables(P="x")] if k == 0 else [set_variables(P="nowhere")]
+        write_layer(f"x{k}.usda", *variables, below=below)
+    write_layer("x8.usda")
+    with refused(FormatError, "more than 1000 prims", at="x0.usda"):
+        open_sequence(["x0.usda"])
+
+
+def test_layers_that_are_many_by_their_variables_are_refused(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(library, "MAX_LAYERS", 20)
+    below = "".join(f'def "n{k}" (references = @v{k}.usda@) {{\n}}\n' for k in range(15))
+    write_layer("top.usda", below=below)
+    for k in range(15):
+        write_layer(f"v{k}.usda", set_variables(X=str(k)), arcs=["references = @end.usda@"])
+    write_layer("end.usda")
+    with refused(FormatError, "more than 20 layers"):
+        check_layers(Path("top.usda"))
