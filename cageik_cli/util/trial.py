@@ -53,15 +53,12 @@ class Trials:
         tried = (call, arguments, key)
         if not self.are_wanted or tried in self._passed:
             return ""
-        from tempfile import TemporaryDirectory
-
         from cageik_cli.util.processes import Subprocess, SubprocessError
 
         end: object = ""
         try:
-            # USD writes a report of a crash where temporary files are.
-            with TemporaryDirectory() as folder, Subprocess(is_silent=True) as process:
-                fault = process.call(_try_call, folder, call, arguments)
+            with Subprocess(is_silent=True) as process:
+                fault = process.call(_try_call, call, arguments)
                 if fault:
                     return fault
         except OSError:
@@ -120,9 +117,10 @@ class Trials:
 trials = Trials()
 
 
-def _try_call(folder: str, call: Callable[..., str | None], arguments: tuple[Any, ...]) -> str:
+def _try_call(call: Callable[..., str | None], arguments: tuple[Any, ...]) -> str:
     """Make a call within limits; return the fault that it finds, if it is not out of memory."""
-    os.environ.update(TMPDIR=folder, PXR_WORK_THREAD_LIMIT="1")
+    # USD would write the report of a crash where temporary files are: nothing can be there.
+    os.environ.update(TMPDIR=os.devnull, PXR_WORK_THREAD_LIMIT="1")
     trials.allowed_bytes = 0
     trials.allow(0)
     try:
