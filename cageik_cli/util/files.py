@@ -73,7 +73,7 @@ def open_input(path: Path) -> io.FileIO:
             os.stat(path).st_mode
         )  # before it is opened, which can be a command to a device
         file = io.FileIO(os.open(path, flags), "rb")
-    except FileNotFoundError as error:
+    except (FileNotFoundError, ValueError) as error:  # ValueError: its name has a null character
         raise FileAccessError("no such file; check the path") from error
     except OSError as error:
         raise FileAccessError(f"cannot be read: {error.strerror or error}") from error

@@ -4,8 +4,11 @@ import numpy as np
 import pytest
 from pxr import Sdf
 
+from cageik_cli.formats.open import open_sequence
+from cageik_cli.util.errors import InputError
 from tests.clips import frames_of
 from tests.formats.scenes import FRAMES, MESH, AlembicScene, UsdScene
+from tests.refusals import refused
 from tests.texts import texts
 
 NOTHING = np.zeros((1, 0, 3), np.float32)
@@ -77,3 +80,12 @@ def test_an_empty_mesh_of_a_rig_is_left_out_before_its_rig_is_looked_at(tmp_path
     prim.CreateAttribute("points", Sdf.ValueTypeNames.Point3fArray).Set([])
     prim.CreateAttribute("primvars:skel:jointIndices", Sdf.ValueTypeNames.IntArray).Set([0])
     assert len(scene.opened().first.vertices) == len(MESH.vertices)
+
+
+@pytest.mark.parametrize("points", ["point9f[] points = [(0, 0, 0)]", "float points = 1"])
+def test_points_that_are_no_array_are_not_taken_for_none(tmp_path, points):
+    path = tmp_path / "a.usda"
+    faces = "int[] faceVertexCounts = [3]\nint[] faceVertexIndices = [0, 1, 2]"
+    path.write_text(f'#usda 1.0\ndef Mesh "m" {{\n{points}\n{faces}\n}}\n')
+    with refused(InputError, "points", at=path):
+        open_sequence([path])

@@ -3,6 +3,7 @@
 import errno
 import io
 import os
+import socket
 from pathlib import Path
 
 import pytest
@@ -16,6 +17,7 @@ from cageik_cli.util.files import (
     set_size,
 )
 from cageik_cli.util.outputs import DeferredErrorFile
+from tests.refusals import refused
 
 
 def test_a_plain_file_is_read_whole_up_to_the_limit(tmp_path):
@@ -68,6 +70,23 @@ def test_what_is_no_plain_file_is_refused(tmp_path, make, says):
     for read in (open_input, check_input, read_input):
         with pytest.raises(FileAccessError, match=says):
             read(path)
+
+
+@pytest.mark.parametrize("read", [open_input, check_input, read_input])
+def test_a_name_that_no_file_can_have_is_that_of_no_file(tmp_path, read):
+    """A file may name another with a null character."""
+    with refused(FileAccessError, "no such file"):
+        read(tmp_path / "a\0b")
+
+
+@pytest.mark.skipif(os.name != "posix", reason="pipes have no names on this system")
+def test_a_socket_is_refused(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)  # names of sockets are short
+    with socket.socket(socket.AF_UNIX) as one:
+        one.bind("a")
+        for read in (open_input, check_input, read_input):
+            with refused(FileAccessError, "is a pipe or a device"):
+                read(Path("a"))
 
 
 @pytest.mark.skipif(os.name != "posix", reason="pipes have no names on this system")

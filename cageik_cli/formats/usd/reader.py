@@ -1,7 +1,7 @@
 """A clip in USD: meshes whose points, transforms or rigs have time samples, and their surfaces."""
 
 from collections import Counter
-from collections.abc import Hashable, Iterator, Mapping, Sequence
+from collections.abc import Hashable, Iterator, Mapping, Sequence, Sized
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import cached_property
@@ -136,10 +136,12 @@ class Reader(SceneReader):
         from pxr import Usd, UsdGeom
 
         mesh = UsdGeom.Mesh(found)
+        # What is no array, such as a value of a type that USD does not know, is refused later.
         return any(
             held.HasAuthoredValue()
             and not any(
-                len(held.Get(time) or ())
+                (value := held.Get(time)) is not None
+                and (not isinstance(value, Sized) or len(value) > 0)
                 for time in held.GetTimeSamples() or [Usd.TimeCode.Default()]
             )
             for held in (mesh.GetPointsAttr(), mesh.GetFaceVertexCountsAttr())
