@@ -6,6 +6,7 @@ cannot open files or has no memory is reported as any other error is.
 
 import os
 import sys
+from contextlib import suppress
 
 
 def main() -> None:
@@ -15,6 +16,7 @@ def main() -> None:
     sentence and exit code 1. That is the system or the installation, never an input. So does an
     interruption before or after the command.
     """
+    _open_closed_streams()
     # Threads of the linear algebra wait for each other, which takes long beside other programs.
     os.environ["OPENBLAS_NUM_THREADS"] = "1"
     try:
@@ -29,6 +31,17 @@ def main() -> None:
         run_command_line()
     except KeyboardInterrupt:
         sys.exit("Error: interrupted")
+
+
+def _open_closed_streams() -> None:
+    """Open standard streams that are closed to nowhere: else files that are opened get their place.
+
+    What is printed, also by libraries, would be written to these files.
+    """
+    with suppress(OSError):  # no file can be opened: what comes next says so
+        while (descriptor := os.open(os.devnull, os.O_RDWR)) <= 2:
+            os.set_inheritable(descriptor, True)
+        os.close(descriptor)
 
 
 _ADVICE = (

@@ -15,6 +15,7 @@ import click
 
 from cageik_cli.cli.command import get_verbosity
 from cageik_cli.cli.group import spell_message
+from cageik_cli.util.errors import OutputError
 from cageik_cli.util.messages import Row, Said
 from cageik_cli.util.outputs import check_no_overlap, check_writable, write_bytes, write_text
 from cageik_cli.util.progress import ProgressListener
@@ -151,10 +152,12 @@ def check_views(
 ) -> None:
     """Refuse, before any work, views that cannot be written or overlap with other outputs.
 
-    `-` is stdout.
+    `-` is stdout, which may be closed.
     """
     check_no_overlap([*others, *views], inputs)
     for path in views:
+        if str(path) == "-" and sys.stdout is None:
+            raise OutputError("-: standard output is closed; name a file")
         if path is not None and str(path) != "-":
             check_writable(path, overwrite)
 

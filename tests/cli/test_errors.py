@@ -7,8 +7,11 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
+
+from cageik_cli.cli import output
 
 CASES = json.loads(
     (Path(__file__).resolve().parents[2] / "data_fixtures" / "broken" / "cases.json").read_text()
@@ -198,14 +201,58 @@ def test_a_fault_in_a_file_whose_name_is_no_text_is_a_sentence(run_process, odd_
 def test_a_closed_stream_changes_no_exit_code(run_process, folder, stream):
     closed = {"cwd": folder, "preexec_fn": lambda: os.close(stream)}
     assert run_process("-m", "cageik_cli", *TYPED, **closed).code == 0
-    for words in (["report"], ["report", "--json", "-"], ["info", "cages.h5"]):
+    for words in (["report"], ["info", "cages.h5"]):
         outcome = run_process("-m", "cageik_cli", *words, **closed)
         assert outcome.code == 0
         assert "Traceback" not in outcome.out + outcome.err
+    asked = run_process("-m", "cageik_cli", "report", "--json", "-", **closed)
+    assert asked.code == (stream == 1)
     for words in (TYPED, ["report", "nowhere.h5"], ["info", "nowhere"]):
         outcome = run_process("-m", "cageik_cli", *words, **closed)
         assert outcome.code == 1
         assert "Traceback" not in outcome.out + outcome.err
+
+
+CLOSED_STREAMS = """
+import os, sys
+from cageik_cli.__main__ import _open_closed_streams
+kept = os.dup(2)
+for stream in map(int, sys.argv[1:]):
+    os.close(stream)
+_open_closed_streams()
+found = [os.fstat(stream).st_rdev for stream in map(int, sys.argv[1:])]
+nowhere, after = os.stat(os.devnull).st_rdev, os.open(os.devnull, os.O_RDONLY)
+os.write(kept, f"{[one == nowhere for one in found]} {after > 2}".encode())
+"""
+
+
+@pytest.mark.skipif(os.name != "posix", reason="devices are others there")
+@pytest.mark.parametrize("streams", [(), (0,), (1,), (2,), (0, 1, 2), (1, 2)])
+def test_files_do_not_take_the_place_of_closed_streams(run_process, streams):
+    outcome = run_process("-c", CLOSED_STREAMS, *map(str, streams))
+    assert outcome.err == f"{[True] * len(streams)} True"
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("report", "cages.h5", "--json", "-"),
+        ("report", "cages.h5", "--csv", "-"),
+        ("check", "--cage", "cage.obj", "--json", "-"),
+        ("cage", "cage.obj", "-o", "built.obj", "--json", "-"),
+        ("pose", "cages.h5", "handles.json", "-o", "edit.h5", "--json", "-"),
+        ("pose", "cages.h5", "handles.json", "-o", "edit.h5", "--plot", "-"),
+    ],
+)
+def test_a_closed_output_that_is_asked_for_is_refused_before_any_work(
+    run, extracted, monkeypatch, words
+):
+    Path("handles.json").write_text('{"handles": []}')
+    monkeypatch.setattr(output, "sys", SimpleNamespace(stdout=None, stderr=sys.stderr))
+    outcome = run(*words)
+    assert (outcome.code, outcome.err) == (1, "Error: -: standard output is closed; name a file\n")
+    assert not Path("built.obj").exists()
+    assert not Path("edit.h5").exists()
 
 
 @pytest.mark.slow
