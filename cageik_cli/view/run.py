@@ -6,7 +6,7 @@ from contextlib import AbstractContextManager, closing, contextmanager, nullcont
 from pathlib import Path
 from typing import Protocol
 
-from cageik_cli.util.errors import describe_error
+from cageik_cli.util.errors import format_error
 from cageik_cli.util.messages import Hint, Row, Said, spell, spell_keyword
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.view.server import Edit, JobBoard, Rows, Site, serve
@@ -103,7 +103,7 @@ def _run_edit(session: PageSession, edit: Edit, board: JobBoard, listener: ViewL
             progress_on_board = BoardProgress(board, progress)
             found = edit(progress_on_board)
     except Exception as error:  # the page keeps its handles, whatever happens
-        message = spell(describe_error(error), listener.spell_hint)
+        message = spell(format_error(error), listener.spell_hint)
         board.change(state="failed", error=message)
         listener.show_failed(message)
         return

@@ -5,8 +5,8 @@ What others do meanwhile to the files that the page reads and writes is noticed.
 
 import json
 from abc import ABC, abstractmethod
-from collections.abc import Callable
-from contextlib import AbstractContextManager
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -35,7 +35,9 @@ from cageik_cli.util.errors import (
     HandlesError,
     OutputError,
     SettingError,
+    add_remark,
     error_context,
+    join_truncated,
 )
 from cageik_cli.util.files import Mark, mark_file
 from cageik_cli.util.json_files import JsonFormat, Steps, format_value, parse_json
@@ -151,13 +153,30 @@ class ViewSession(PageSession):
         for path in self.settings.outputs():
             check_writable(path, self._own.may_replace(path))
         own = self.settings
-        with self._own.guard():
+        with self._name_replaced(), self._own.guard():
             result = self._solve(files, posing, output, progress)
             written = [path for path in (own.output, own.cage_output) if path is not None]
             self._save(own.handles_output, files.handles, written)
             self._save(own.cage_edits_output, files.cage_edits, written)
         self.written = tuple(written)
         return format_pose_rows(result.summary)
+
+    @contextmanager
+    def _name_replaced(self) -> Iterator[None]:
+        """Let an error say which outputs are of this edit already, if others are not."""
+        marks = {path: mark_file(path) for path in self.settings.outputs()}
+        try:
+            yield
+        except BaseException as error:
+            replaced = [path for path, mark in marks.items() if mark_file(path) != mark]
+            others = [path for path in marks if path not in replaced]
+            if replaced and others:
+                done, left = (
+                    f"{join_truncated(paths)} {'is' if len(paths) == 1 else 'are'}"
+                    for paths in (replaced, others)
+                )
+                add_remark(error, f"{done} of this edit already, {left} not; apply it again")
+            raise
 
     def _save(
         self, path: Path | None, file: Handles | CageEdits | None, written: list[Path]
@@ -246,14 +265,23 @@ def split_submitted(data: bytes) -> dict[str, bytes | None]:
         raise FormatError("has neither handles nor cage edits; add some")
     files = {}
     for name, content in document.items():
-        text = json.dumps(content, indent=2, ensure_ascii=False) + "\n"
-        files[name] = None if content is None else text.encode(errors="surrogatepass")
+        files[name] = None if content is None else _write_file(content)
         if len(files[name] or b"") > MAX_HANDLES_BYTES:
             raise FormatError(
                 f"{SUBMITTED_FILES[name]}: have more than {MAX_HANDLES_BYTES} bytes; keep fewer of "
                 "them"
             )
     return files
+
+
+def _write_file(content: Any) -> bytes:
+    """Return the bytes of a file: indented, or as short as it was sent if it then is too large."""
+    text = json.dumps(content, indent=2, ensure_ascii=False) + "\n"
+    data = text.encode(errors="surrogatepass")
+    if len(data) > MAX_HANDLES_BYTES:
+        text = json.dumps(content, separators=(",", ":"), ensure_ascii=False) + "\n"
+        data = text.encode(errors="surrogatepass")
+    return data
 
 
 class WatchedInput:

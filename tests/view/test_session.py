@@ -18,12 +18,12 @@ from cageik_cli.inputs.settings import WeightSettings
 from cageik_cli.method.weights.settings import BindSettings
 from cageik_cli.run.settings import ViewSettings
 from cageik_cli.util import outputs
-from cageik_cli.util.errors import CageikError, InputError
+from cageik_cli.util.errors import CageikError, InputError, format_error
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.view.player.section import render_view_page
 from cageik_cli.view.run import ViewListener, run_view
 from cageik_cli.view.server import MAX_SUBMITTED_BYTES, JobBoard
-from cageik_cli.view.session import open_session
+from cageik_cli.view.session import open_session, split_submitted
 from tests.view.client import Client, make_body
 
 LIFT = {"name": "tip", "vertex": 0, "offset": [0.1, 0.2, -0.3]}
@@ -380,12 +380,24 @@ def test_what_is_no_edit_is_refused(clip, settings, data, told):
 @pytest.mark.parametrize("field", ["handles", "cageEdits"])
 def test_a_file_that_could_not_be_read_again_is_refused(clip, field):
     """What is sent may be larger than what is saved."""
-    many = [{"vertex": k, "offset": 3 * [-1.2345678901234567e-100]} for k in range(20_000)]
+    many = [{"vertex": k, "offset": 3 * [-1.2345678901234567e-100]} for k in range(24_000)]
     sent = {"handles": None, "cageEdits": None, field: {"edits": [{"name": "a", "moves": many}]}}
     data = json.dumps(sent, separators=(",", ":")).encode()
     assert 2_000_000 < len(data) < MAX_SUBMITTED_BYTES
     with pytest.raises(InputError, match="have more than 2000000 bytes"):
         open_(CLIP).parse(data, 0)
+
+
+def test_an_edit_is_measured_as_it_is_sent(clip):
+    """Indented it would be too large to be read again, and is saved as it was sent."""
+    moves = [{"vertex": k, "offset": [0.5, 0.25, 0.125]} for k in range(20_000)]
+    edits = {"edits": [{"name": "a", "moves": moves}]}
+    sent = json.dumps({"handles": None, "cageEdits": edits}, separators=(",", ":"))
+    saved = split_submitted(sent.encode())["cageEdits"]
+    assert len(json.dumps(edits, indent=2)) > 2_000_000 > len(sent) > len(saved)
+    assert json.loads(saved) == edits
+    few = json.dumps({"handles": None, "cageEdits": {"edits": []}}).encode()
+    assert split_submitted(few)["cageEdits"] == b'{\n  "edits": []\n}\n'
 
 
 @pytest.mark.parametrize("settings", [CLIP, MODEL])
@@ -429,6 +441,35 @@ def test_a_full_disk_loses_nothing(clip, monkeypatch):
     with pytest.raises(InputError, match="No space left"):
         apply(session)
     assert files() == before
+
+
+@pytest.mark.parametrize(
+    ("settings", "fails_at", "says"),
+    [
+        (CLIP, "h.json", "edited.h5 is of this edit already, h.json is not; apply it again"),
+        (MODEL, "posed_cage.obj", "posed.obj is of this edit already, posed_cage.obj, h.json are"),
+        (MODEL, "h.json", "posed.obj, posed_cage.obj are of this edit already, h.json is not"),
+        (MODEL, "posed.obj", ""),
+    ],
+)
+def test_a_disk_that_is_full_between_outputs_says_which_are_replaced(
+    clip, monkeypatch, settings, fails_at, says
+):
+    session = open_(settings)
+    apply(session)
+    rename = os.replace
+
+    def fill(source, target, **options):
+        if Path(target).name == fails_at:
+            raise OSError(28, "No space left on device")
+        return rename(source, target, **options)
+
+    monkeypatch.setattr("os.replace", fill)
+    with pytest.raises(InputError, match="No space left") as caught:
+        apply(session, {"handles": [LIFT | {"offset": [0, 0.25, 0]}]})
+    told = str(format_error(caught.value))
+    assert says in told
+    assert bool(says) == ("already" in told)
 
 
 class Interruptible(ViewListener):
