@@ -63,6 +63,29 @@ def test_every_cage_is_the_least_squares_solution_of_the_stacked_system(binding,
         np.testing.assert_allclose(solution.reconstructions[k], weights @ cage, atol=1e-10)
 
 
+def test_the_cages_are_those_of_the_paper_with_its_alpha_and_delta_turned(binding):
+    """Its sums are not means, and its δ stays that of the rest pose where the mesh turns."""
+    (m, n), frames, alpha, beta = binding.weights.shape, clip(binding), 0.3, 0.7
+    frames = frames @ rotation(5)
+    solver = DualLaplacianSolver(binding, SolveSettings(alpha, beta))
+    solution = solver.solve(frames)
+    laplacian = np.sqrt(alpha * m / (beta * n)) * uniform_laplacian(binding.cage)
+    rows, delta = np.vstack([laplacian, binding.weights]), laplacian @ binding.cage.vertices
+    for frame, cage, turn in zip(frames, solution.cages, solution.rotations, strict=True):
+        right = np.vstack([delta @ turn, frame])
+        paper = np.linalg.lstsq(rows, right, rcond=None)[0]
+        np.testing.assert_allclose(cage, paper, rtol=0, atol=1e-10)
+        unturned = np.linalg.lstsq(rows, np.vstack([delta, frame]), rcond=None)[0]
+        assert np.abs(cage - unturned).max() > 0.1
+
+
+def test_a_frame_does_not_depend_on_those_before_it(binding):
+    frames = clip(binding)
+    solver = DualLaplacianSolver(binding, SolveSettings())
+    forward, backward = (solver.solve(one).cages for one in (frames, frames[::-1]))
+    np.testing.assert_allclose(forward, backward[::-1], rtol=0, atol=1e-12)
+
+
 @pytest.mark.parametrize("align", [True, False])
 def test_frames_made_from_known_cages_give_them_back(binding, align):
     generator = np.random.default_rng(7)
