@@ -20,6 +20,8 @@ from itertools import chain, repeat
 from multiprocessing.connection import Connection, wait
 from typing import Any, TypeVar
 
+from cageik_cli.util.trial import trials
+
 Result = TypeVar("Result")
 
 MAX_WAIT_RATIO = 6
@@ -71,7 +73,8 @@ class Subprocess:
             raise ChildProcessError("there is no Python that could be started")
         context = _choose_context(preload)
         self.connection, theirs = context.Pipe()
-        self._process = context.Process(target=_make_calls, args=(theirs, is_silent), daemon=True)
+        words = theirs, is_silent, trials.are_wanted
+        self._process = context.Process(target=_make_calls, args=words, daemon=True)
         with theirs:
             try:
                 self._process.start()
@@ -203,12 +206,17 @@ def limit_process(memory: int, seconds: int) -> None:
     signal.setitimer(signal.ITIMER_REAL, max(left, 1e-3))
 
 
-def _make_calls(connection: Connection, is_silent: bool) -> None:
-    """Make the calls that another process sends, in a process of their own."""
+def _make_calls(connection: Connection, is_silent: bool, are_tried: bool) -> None:
+    """Make the calls that another process sends, in a process of their own.
+
+    What that one tries before it calls a library, this one tries, too.
+    """
     from cageik_cli.util.threads import use_one_blas_thread
 
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the other gets it, and ends this process
     _end_with_parent()
+    multiprocessing.current_process().daemon = False  # it may start processes, which end with it
+    trials.are_wanted = are_tried
     nowhere = os.open(os.devnull, os.O_WRONLY)
     for descriptor in (1, 2) if is_silent else (1,):
         os.dup2(nowhere, descriptor)

@@ -121,7 +121,7 @@ def _try_call(call: Callable[..., str | None], arguments: tuple[Any, ...]) -> st
     """Make a call within limits; return the fault that it finds, if it is not out of memory."""
     # USD would write the report of a crash where temporary files are: nothing can be there.
     os.environ.update(TMPDIR=os.devnull, PXR_WORK_THREAD_LIMIT="1")
-    trials.allowed_bytes = 0
+    trials.are_wanted, trials.allowed_bytes = False, 0
     trials.allow(0)
     try:
         return call(*arguments) or ""

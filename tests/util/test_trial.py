@@ -147,3 +147,18 @@ def test_two_threads_give_standard_error_back(trials, capfd):
     second.__exit__(None, None, None)
     os.write(2, b"of the program\n")
     assert capfd.readouterr().err == "of the program\n"
+
+
+def try_there():
+    return trial.trials.find_fault("abc", abort, "", key="a")
+
+
+@pytest.mark.parametrize("are_wanted", [True, False])
+def test_a_subprocess_tries_what_its_parent_would_try(monkeypatch, are_wanted):
+    """As the processes of a batch do."""
+    monkeypatch.setattr(trial.trials, "are_wanted", are_wanted)
+    with processes.Subprocess() as process:
+        found = process.call(try_there)
+    assert found == (
+        "is damaged: abc ends with SIGABRT on it; export it again" if are_wanted else ""
+    )
