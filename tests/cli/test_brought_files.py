@@ -156,14 +156,14 @@ def write_nothing():
     return scene.path
 
 
-def write_stride(keys=1):
+def write_stride():
     """An animation whose keys lie further apart than any number of the machine."""
     file = Built()
     attributes = {"POSITION": file.array(BOX.vertices)}
     primitive = {"attributes": attributes, "indices": file.array(BOX.faces.ravel(), "H")}
     file.add("meshes", {"primitives": [primitive]})
     file.add("nodes", {"mesh": 0})
-    file.animate("", (0, "translation", np.arange(keys), np.zeros((keys, 3)), "LINEAR"))
+    file.animate("", (0, "translation", np.arange(2), np.zeros((2, 3)), "LINEAR"))
     file.json["bufferViews"][-2]["byteStride"] = 10**25
     return file.save(Path("stride.glb"))
 
@@ -240,7 +240,6 @@ RIGHT = {
         ["8", "1 face of fewer than 3 corners left out"],
     ),
     "UTF-16": (lambda: text("wide.obj", obj(encoding="utf-16"))(), ["closed, volume 8"]),
-    "a stride that leads nowhere": (write_stride, ["closed, volume 8"]),
 }
 """What writes the input and returns its name, and what `info` says of it."""
 
@@ -257,7 +256,7 @@ def test_what_is_sound_is_read(run, tmp_path, monkeypatch, write, says):
 LODS = series(*(f"walk_{k:04d}{end}" for k in range(1, 7) for end in ("", "_lod1")))
 
 REFUSED = {
-    "a stride beyond its view": (lambda: write_stride(keys=2), "stride.glb: "),
+    "a stride beyond its view": (write_stride, "byteStride is 1"),
     "hair alone, as curves": (write_curves, "holds no mesh, but 1 BasisCurves (/hair)"),
     "a placeholder alone": (write_nothing, "/placeholder: the mesh has no points"),
     "OFF of a point less": (text("a.off", off("OFF\n9 6 12\n")), "a.off: "),

@@ -111,7 +111,7 @@ def test_without_a_range_frames_are_between_the_keys_and_that_is_said_first(scen
         (24, 60, (0, 24), 1),
         (12, None, (0, 24), 1),
         (None, 48, (0, 24), 1),
-        (1e-300, 24, (0, 24), 1),
+        (1e-30, 24, (0, 24), 1),
         (0.5, None, (0, 24), 1),
     ],
 )

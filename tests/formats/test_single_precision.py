@@ -109,7 +109,7 @@ def test_numbers_that_are_no_rates_or_units_are_as_if_not_stated(scene, name, fi
     assert getattr(scene.opened().scene, field) is None
 
 
-@pytest.mark.parametrize("value", [0.3048006096012192, 16777217.0, 1e-9 + 1 / 3, 1e300])
+@pytest.mark.parametrize("value", [0.3048006096012192, 16777217.0, 1e-9 + 1 / 3, 1e30])
 def test_numbers_in_double_precision_keep_their_digits(scene, value):
     """A foot of surveyors, and a frame beyond what single precision counts."""
     scene.mesh(times=[value])
