@@ -23,6 +23,7 @@ from cageik_cli.formats.obj.frames import encode_exact_obj
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.inputs.scene import CommonScene
 from cageik_cli.inputs.settings import WeightSettings
+from cageik_cli.method.weights.settings import COORDINATES
 from cageik_cli.store.binding_file import StoredBinding, read_binding
 from cageik_cli.store.cache import Entry, EntryCache, find_binding, find_cage
 from cageik_cli.util.errors import CageError, OutputError, SettingError, error_context
@@ -139,11 +140,12 @@ def bind_cached(
         )
 
     def compute() -> JudgedBinding:
-        if settings.bind.coordinates == "harmonic" and len(cage.mesh.faces) > MAX_QUICK_FACES:
+        solves_equations = COORDINATES[settings.bind.coordinates].needs_accuracy
+        if solves_equations and len(cage.mesh.faces) > MAX_QUICK_FACES:
             progress.note(
                 "bind",
-                f"the cage has {len(cage.mesh.faces)} faces: their equations take a minute or "
-                "more, however few vertices there are; "
+                f"the cage has {group_digits(len(cage.mesh.faces))} faces: their equations take a "
+                "minute or more, however few vertices there are; "
                 + say('a coarser cage, or `coordinates="mean-value"`, takes less'),
             )
         taken = settings.bind, settings.jobs, progress.update

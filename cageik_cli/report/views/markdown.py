@@ -10,7 +10,7 @@ from cageik_cli.report.overview import ClipEntry, Overview, describe_poor
 from cageik_cli.report.regions import describe_region
 from cageik_cli.report.views.text import format_check_row
 from cageik_cli.report.vocabulary import QUALITY_WORDS, Vocabulary
-from cageik_cli.util.text import format_count, single_line
+from cageik_cli.util.text import format_count, group_digits, single_line
 
 MAX_TEXT_LENGTH = 300
 """Characters of a name or a sentence that are shown; longer ones are cut."""
@@ -48,7 +48,7 @@ def format_markdown(overview: Overview) -> str:
         "Notes": (5_000, _list_notes(overview)),
     }
     counts = Counter(map(_name_clip_verdict, clips))
-    verdicts = ", ".join(f"{count} {verdict}" for verdict, count in counts.items())
+    verdicts = ", ".join(f"{group_digits(count)} {verdict}" for verdict, count in counts.items())
     head = f"## cageik: {format_count(len(clips), 'clip')}: {verdicts}"
     blocks = [head, "\n".join(table)]
     for heading, (max_bytes, lines) in parts.items():
@@ -121,7 +121,11 @@ def _fit_lines(lines: Iterable[str], max_bytes: int, rest_template: str) -> list
             break
         shown_lines.append(line)
     left = len(waiting) - len(shown_lines)
-    return [*shown_lines, rest_template.format(f"and {left} more")] if left else shown_lines
+    return (
+        [*shown_lines, rest_template.format(f"and {group_digits(left)} more")]
+        if left
+        else shown_lines
+    )
 
 
 def _escape_markdown(text: str | None) -> str:

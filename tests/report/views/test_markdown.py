@@ -110,10 +110,10 @@ def test_any_number_of_clips_fits(name):
     ]
     text = format_markdown(Overview(clips))
     assert len(text.encode()) < 60_000
-    assert "## cageik: 2000 clips: 20 failed, 40 over limit, 1940 within limits\n" in text
+    assert "## cageik: 2 000 clips: 20 failed, 40 over limit, 1 940 within limits\n" in text
     *rows, last = table_cells(text)
     assert len(rows) > 15
-    assert last[0] == f"and {2000 - len(rows)} more"
+    assert last[0] == f"and {2000 - len(rows):,} more".replace(",", " ")
     expected = ["<strong>failed</strong>"] * 20 + ["<strong>over limit</strong>"] * 40
     expected += ["within limits"] * 1940
     assert [row[1] for row in rows] == expected[: len(rows)]
