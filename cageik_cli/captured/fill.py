@@ -63,7 +63,7 @@ class FrameTerms:
         Whether a frame has data.
     lost : dict
         By frame, E_t, (n, n), of frames in which vertices weigh less, or are missing, if in no more
-        than `MAX_BRIDGED_FRAMES` of `method.solve.summary` in a row.
+        in a row than motion tells of.
     """
 
     cages: Floats

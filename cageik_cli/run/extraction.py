@@ -13,6 +13,7 @@ import numpy as np
 from cageik_cli.cages.check.quality import find_shared_sections, is_too_loose
 from cageik_cli.captured.frames import CapturedBlockSolver
 from cageik_cli.captured.robust import RobustSolver
+from cageik_cli.captured.settings import CaptureSettings
 from cageik_cli.fit.settings import FitSettings
 from cageik_cli.formats.base.mesh_data import LoadedMesh
 from cageik_cli.formats.base.sequence import MeshSequence
@@ -46,7 +47,7 @@ from cageik_cli.method.solve.regions import (
     has_bad_regions,
 )
 from cageik_cli.method.solve.settings import SolveSettings
-from cageik_cli.method.solve.summary import MAX_BRIDGED_FRAMES, ClipSummary
+from cageik_cli.method.solve.summary import ClipSummary
 from cageik_cli.method.weights.binding import Binding, reconstruct_frames
 from cageik_cli.run.executor import MemoryPlan, RunBlocks, choose_block_size, run_in_threads
 from cageik_cli.run.fit import (
@@ -349,7 +350,13 @@ class Extraction:
         hints = self.common.hints
         assert self.stored is not None
         notes = _collect_notes(
-            self.stored, self.rest, self.sequence, hints, checkpoint.summary, solver
+            self.stored,
+            self.rest,
+            self.sequence,
+            hints,
+            checkpoint.summary,
+            solver,
+            settings.capture,
         )
         first = {
             "scene": self.scene,
@@ -559,6 +566,7 @@ def _collect_notes(
     hints: SceneHints,
     summary: ClipSummary,
     solver: DualLaplacianSolver,
+    capture: CaptureSettings,
 ) -> tuple[Note, ...]:
     """Return what the user should know of the meshes and of what is missing in them.
 
@@ -596,7 +604,7 @@ def _collect_notes(
             "are not known and volume figures are left out"
         )
     unit_notes = _list_unit_notes(hints.metres_per_unit, rest.mesh.diagonal)
-    notes += [*_list_absence_notes(summary), *unit_notes]
+    notes += [*_list_absence_notes(summary, capture), *unit_notes]
     return (*given, *map(Note, notes))
 
 
@@ -612,19 +620,24 @@ def _list_unit_notes(metres_per_unit: float | None, diagonal: float) -> list[Sai
     return notes
 
 
-def _list_absence_notes(summary: ClipSummary) -> tuple[str, ...]:
-    """Say how many vertices have no data for so long that no motion around it tells their place."""
+def _list_absence_notes(summary: ClipSummary, capture: CaptureSettings) -> tuple[str, ...]:
+    """Say how many vertices have no data for so long that no motion around it tells their place.
+
+    Without smoothing, none does. But what is rejected is surrounded by data, mostly.
+    """
     if summary.occlusions is None:
         return ()
-    longest = summary.occlusions.longest
-    count = int((longest > MAX_BRIDGED_FRAMES).sum())
+    longest, bridged = summary.occlusions.longest, summary.occlusions.bridged
+    if capture.smooth is None and not capture.robust:
+        bridged = 0
+    count = int((longest > bridged).sum())
     if not count:
         return ()
     verb = "is" if count == 1 else "are"
+    lasting = f"for more than {bridged} frames" if bridged else "for a frame or more"
     return (
-        f"{format_count(count, 'vertex')} {verb} occluded for more than {MAX_BRIDGED_FRAMES} "
-        f"frames in a row, up to {longest.max()}: the place is a guess there, which no figure "
-        "judges",
+        f"{format_count(count, 'vertex')} {verb} occluded {lasting} in a row, up to "
+        f"{longest.max()}: the place is a guess there, which the error does not judge",
     )
 
 

@@ -2,7 +2,7 @@
 
 Before it, vertices that are occluded for long are placed by the surface around them, and their
 frames are solved again. Those are the vertices whose place no motion around them in time tells (see
-`MAX_BRIDGED_FRAMES`); the clip is read again for them, as the other vertices tell how the surface
+`captured.bridge`); the clip is read again for them, as the other vertices tell how the surface
 around has moved.
 """
 
@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
+from cageik_cli.captured.bridge import count_bridged_frames
 from cageik_cli.captured.fill import FrameTerms, RigidFiller, TimeFiller
 from cageik_cli.captured.frames import CapturedBlockSolver
 from cageik_cli.captured.settings import AUTO_SMOOTHING, CaptureSettings
@@ -23,7 +24,11 @@ from cageik_cli.geometry.frames import Block
 from cageik_cli.geometry.rotations import nearest_rotations_by_svd
 from cageik_cli.method.solve.blocks import BlockSolver, SolvedBlock
 from cageik_cli.method.solve.dual_laplacian import DualLaplacianSolver, Solution
-from cageik_cli.method.solve.summary import OcclusionTracker, summarize_blocks
+from cageik_cli.method.solve.summary import (
+    DEFAULT_BRIDGED_FRAMES,
+    OcclusionTracker,
+    summarize_blocks,
+)
 from cageik_cli.method.weights.binding import Poses, reconstruct_frames
 from cageik_cli.run.executor import choose_block_size
 from cageik_cli.run.settings import ExtractSettings
@@ -63,9 +68,14 @@ def open_refined(
             stack.callback(copy.discard)
             return copy
 
+        bridged = DEFAULT_BRIDGED_FRAMES
+        if settings.capture.smooth is not None:
+            bridged = _count_bridged(block_solver.solver, checkpoint)
+        summary.set_bridged(bridged)
         if summary.occlusions is not None and summary.occlusions.has_long:
             placed = start(placed_path)
             _place_occluded(block_solver, checkpoint, placed, settings.jobs)
+            placed.summary.set_bridged(bridged)
             checkpoint = placed
         if settings.capture.needs_time_pass:
             smoothed = start(smoothed_path)
@@ -77,6 +87,7 @@ def open_refined(
                 fps=fps,
                 jobs=settings.jobs,
             )
+            smoothed.summary.set_bridged(bridged)
             checkpoint = smoothed
         yield checkpoint, filled
 
@@ -184,19 +195,28 @@ class _HeldFrames:
         return iter(self._held)
 
 
+def _count_bridged(solver: DualLaplacianSolver, frames: "Checkpoint | _HeldFrames") -> int:
+    """Return for how many frames in a row motion tells where vertices of a clip are."""
+    sampled, count = solver.sampled_vertices, frames.summary.frames_done
+    found = count_bridged_frames(frames.blocks(), sampled, count)
+    return DEFAULT_BRIDGED_FRAMES if found is None else found
+
+
 def smooth_frames(
     solver: DualLaplacianSolver,
     blocks: Sequence[SolvedBlock],
     settings: CaptureSettings,
     fps: float,
-) -> Poses:
+) -> tuple[Poses, OcclusionTracker | None]:
     """Return the poses of the frames of captured blocks, smoothed and filled as a run does.
 
-    Gaps that are not filled have nan.
+    Gaps that are not filled have nan. Beside them is what is occluded, and for how long.
     """
-    windows = _TimePass(solver, _HeldFrames(blocks), settings, fps).run()
+    held = _HeldFrames(blocks)
+    held.summary.set_bridged(_count_bridged(solver, held))
+    windows = _TimePass(solver, held, settings, fps).run()
     cages = np.concatenate([window.cages for window in windows])
-    return Poses(cages, find_rotations(solver, np.nan_to_num(cages)))
+    return Poses(cages, find_rotations(solver, np.nan_to_num(cages))), held.summary.occlusions
 
 
 @dataclass(frozen=True, slots=True, eq=False)

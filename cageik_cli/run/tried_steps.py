@@ -30,7 +30,7 @@ from cageik_cli.inputs.clip import VertexWeights
 from cageik_cli.method.solve.blocks import BlockSolver, SolvedBlock
 from cageik_cli.method.solve.dual_laplacian import DualLaplacianSolver
 from cageik_cli.method.solve.settings import SolveSettings
-from cageik_cli.method.solve.summary import ClipSummary, summarize_blocks
+from cageik_cli.method.solve.summary import ClipSummary
 from cageik_cli.method.weights.binding import Binding, reconstruct_frames
 from cageik_cli.report.notes import is_invisible
 from cageik_cli.run.settings import ExtractSettings
@@ -228,9 +228,8 @@ class StepTrials:
         """
         settings = CaptureSettings(smooth=smooth, fill_gaps=True)
         solver = self._block_solver.solver
-        poses = smooth_frames(solver, blocks, settings, self._fps)
+        poses, occlusions = smooth_frames(solver, blocks, settings, self._fps)
         errors = np.linalg.norm(seen - reconstruct_frames(self._binding, poses), axis=2)
-        occlusions = summarize_blocks(blocks).occlusions
         is_counted = is_hidden & np.isfinite(errors)
         for k in range(len(seen)):
             if occlusions is not None:

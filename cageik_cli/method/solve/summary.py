@@ -7,6 +7,7 @@ Young 1936). No cage of n points has a smaller error on these vertices. They are
 the error over all vertices is seldom smaller, and a few percent larger.
 """
 
+from bisect import bisect_right
 from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 
@@ -21,8 +22,9 @@ from cageik_cli.util.messages import Said
 MIN_BOUND_PERCENT = 1e-3
 """A smaller bound is zero by counting, and rounding: the motion has no more dimensions than n."""
 
-MAX_BRIDGED_FRAMES = 10
-"""Frames in a row for which the motion around them tells where occluded vertices are, at most."""
+DEFAULT_BRIDGED_FRAMES = 10
+"""Frames in a row for which the motion around them tells where occluded vertices are, at most, as
+long as the clip has not been asked."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,14 +92,23 @@ class VertexBoundAccumulator:
 class OcclusionTracker:
     """How many frames in a row each vertex had no weight, counted block by block.
 
-    A frame without data neither ends an occlusion nor begins one. The `longest` are (m,) int64.
+    A frame without data neither ends an occlusion nor begins one.
+
+    Attributes
+    ----------
+    longest : (m,) int64
+        Frames of the longest occlusion of each vertex.
+    bridged : int
+        Frames of an occlusion over which motion tells where the vertex is, at most.
     """
 
     def __init__(self, vertex_count: int) -> None:
         self.longest = np.zeros(vertex_count, np.int64)
+        self.bridged = DEFAULT_BRIDGED_FRAMES
         # Lengths up to the last frame with data, and the frame behind it.
         self._lengths, self._stop = np.zeros(vertex_count, np.int64), 0
-        self._long: list[tuple[range, Integers]] = []
+        # Occlusions that have ended, in this order.
+        self._ended: list[tuple[range, Integers]] = []
 
     def update(self, kept: KeptBlock, frames: range, skipped: Collection[int]) -> None:
         """Count the frames of the next block, of which those that are skipped have no data."""
@@ -109,26 +120,35 @@ class OcclusionTracker:
             before, self._lengths = self._lengths, np.zeros_like(self._lengths)
             self._lengths[gone] = np.where(before > 0, before + frame - self._stop, 0)[gone] + 1
             np.maximum(self.longest, self._lengths, out=self.longest)
-            self._long += self._list_long(np.where(self._lengths > 0, 0, before))
+            self._ended += self._list_spans(np.where(self._lengths > 0, 0, before))
             self._stop = frame + 1
 
     @property
     def has_long(self) -> bool:
         """Return whether a vertex is without weight for longer than time tells of."""
-        return bool((self.longest > MAX_BRIDGED_FRAMES).any())
+        return bool((self.longest > self.bridged).any())
 
     def find_long(self, frame: int) -> Integers:
         """Return the vertices without weight in a frame, and so long that no motion tells more."""
-        spans = self._long + self._list_long(self._lengths)
-        found = [vertices for frames, vertices in spans if frame in frames]
+        first = bisect_right(self._ended, frame, key=_find_stop)
+        last = bisect_right(self._ended, frame + int(self.longest.max()), key=_find_stop)
+        spans = self._ended[first:last] + self._list_spans(self._lengths)
+        found = [
+            vertices for frames, vertices in spans if frame in frames and len(frames) > self.bridged
+        ]
         return np.sort(np.concatenate(found)) if found else np.empty(0, np.int64)
 
-    def _list_long(self, lengths: Integers) -> list[tuple[range, Integers]]:
-        """List occlusions of these lengths, (m,), that are too long to be bridged."""
+    def _list_spans(self, lengths: Integers) -> list[tuple[range, Integers]]:
+        """List occlusions of these lengths, (m,), that end here."""
         return [
             (range(self._stop - int(length), self._stop), np.flatnonzero(lengths == length))
-            for length in np.unique(lengths[lengths > MAX_BRIDGED_FRAMES])
+            for length in np.unique(lengths[lengths > 0])
         ]
+
+
+def _find_stop(span: tuple[range, Integers]) -> int:
+    """Return the frame behind an occlusion."""
+    return span[0].stop
 
 
 class ClipSummary:
@@ -169,6 +189,11 @@ class ClipSummary:
             self.occlusions.update(block.kept, range(block.start, block.stop), block.skipped)
         self._rms.append(block.metrics.rms)
         self._bound.update(block.sampled)
+
+    def set_bridged(self, frames: int) -> None:
+        """State over how many frames motion tells where occluded vertices are, at most."""
+        if self.occlusions is not None:
+            self.occlusions.bridged = frames
 
     @property
     def frames_done(self) -> int:
