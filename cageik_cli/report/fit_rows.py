@@ -72,8 +72,9 @@ def list_fit_notes(record: FitRecord) -> tuple[Said, ...]:
             "fitted; a fit to more of them needs "
             + Hint("memory", format_bytes(report.needed_memory))
         )
-    if report.limit is StrengthLimit.FRAMES:
-        distinct = format_count(report.distinct_frames or 0, "distinct frame")
+    # A clip that only moves as a whole has none, and leaves nothing to choose.
+    if report.limit is StrengthLimit.FRAMES and report.distinct_frames:
+        distinct = format_count(report.distinct_frames, "distinct frame")
         notes.append(
             f"the fit has {distinct}, fewer than {MIN_DISTINCT_FRAMES}: too few to choose how "
             "close a fit may be, so it stays smooth; fit more motion, or "
