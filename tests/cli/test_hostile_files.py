@@ -4,13 +4,14 @@ import gzip
 import os
 import subprocess
 import sys
-import threading
 import zipfile
 from pathlib import Path
 
 import h5py
 import numpy as np
 import pytest
+
+from tests.measured import run_measured
 
 MOST_MEMORY = 1 << 30
 MOST_SECONDS = 120
@@ -204,30 +205,13 @@ BOMBS = [
 ]  # fmt: skip
 
 
-def run_measured(words):
-    """Run the command; return its exit code, its last line, and the memory that it took."""
-    with Path("said").open("w") as said:
-        process = subprocess.Popen(
-            [sys.executable, "-m", "cageik_cli", *words], stdout=said, stderr=said
-        )
-        watchdog = threading.Timer(MOST_SECONDS, process.kill)
-        watchdog.start()
-        _, status, used = os.wait4(process.pid, 0)
-        process.returncode = os.waitstatus_to_exitcode(status)
-        watchdog.cancel()
-    return (
-        process.returncode,
-        (Path("said").read_text().splitlines() or [""])[-1],
-        used.ru_maxrss * 1024,
-    )
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("make", BOMBS)
 def test_a_small_file_takes_little_memory_and_is_refused(folder, make):
-    code, said, memory = run_measured(make())
-    assert code in (1, 2), said
+    found = run_measured(make(), RLIMIT_CPU=MOST_SECONDS)
+    said = found.text.splitlines()[-1]
+    assert found.code in (1, 2), said
     assert said.startswith("Error: ")
     assert "bomb" in said
     assert "internal error" not in said
-    assert memory < MOST_MEMORY
+    assert found.size < MOST_MEMORY

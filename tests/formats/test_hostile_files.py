@@ -2,9 +2,6 @@
 
 import gzip
 import json
-import os
-import resource
-import subprocess
 import sys
 
 import numpy as np
@@ -16,6 +13,7 @@ from pxr import Usd, UsdGeom, Vt
 
 from tests.formats.gltf.built import Built
 from tests.formats.kinds import FRAMES, KINDS, add_abc_mesh, imath
+from tests.measured import run_measured
 from tests.shapes import TETRAHEDRON
 
 MOST_SECONDS = 10
@@ -221,22 +219,8 @@ FILES = {
 }
 
 
-def limit_memory():
-    """Keep a reader that is not bounded from taking the machine; libraries map much unused."""
-    resource.setrlimit(resource.RLIMIT_AS, (6 * MOST_BYTES,) * 2)
-    resource.setrlimit(resource.RLIMIT_CPU, (2 * MOST_SECONDS,) * 2)
-
-
-def measure(words):
-    """Run the command; its exit code, its text, its seconds of a processor and its bytes."""
-    command = [sys.executable, "-m", "cageik_cli", *map(str, words)]
-    with subprocess.Popen(
-        command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, preexec_fn=limit_memory
-    ) as process:
-        text = process.stdout.read().decode()
-        _, status, usage = os.wait4(process.pid, 0)
-        process.returncode = os.waitstatus_to_exitcode(status)
-    return process.returncode, text, usage.ru_utime + usage.ru_stime, usage.ru_maxrss << 10
+LIMITS = {"RLIMIT_AS": 6 * MOST_BYTES, "RLIMIT_CPU": 2 * MOST_SECONDS}
+"""They keep a reader that is not bounded from taking the machine; libraries map much unused."""
 
 
 @pytest.mark.slow
@@ -245,16 +229,17 @@ def measure(words):
 def test_small_files_take_little(tmp_path, name):
     path = tmp_path / name
     FILES[name](path)
-    code, text, seconds, size = measure(["info", path])
-    assert code in (0, 1), text
-    assert "internal error" not in text
-    assert "out of memory" not in text
-    assert "/numpy/" not in text
-    assert size < MOST_BYTES
-    assert seconds < MOST_SECONDS
+    found = run_measured(["info", path], **LIMITS)
+    assert found.code in (0, 1), found.text
+    assert "internal error" not in found.text
+    assert "out of memory" not in found.text
+    assert "/numpy/" not in found.text
+    assert found.size < MOST_BYTES
+    assert found.seconds < MOST_SECONDS
 
 
 if __name__ == "__main__":
     for path in sys.argv[1:]:
-        code, text, seconds, size = measure(["info", path])
-        print(f"{path}: exit {code}, {seconds:.1f} s, {size / 2**30:.2f} GiB, {text[:300]!r}")
+        found = run_measured(["info", path], **LIMITS)
+        size, text = found.size / 2**30, found.text[:300]
+        print(f"{path}: exit {found.code}, {found.seconds:.1f} s, {size:.2f} GiB, {text!r}")
