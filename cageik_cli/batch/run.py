@@ -131,7 +131,8 @@ def run_batch(
             raise
         if any(job.settings.cache == batch.output / WEIGHT_CACHE_FOLDER for job in batch.jobs):
             shutil.rmtree(batch.output / WEIGHT_CACHE_FOLDER, ignore_errors=True)
-        overview = Overview([entries[name] for name in batch.order], batch.notes)
+        limits = {job.name: job.limits for job in batch.jobs}
+        overview = Overview([entries[name] for name in batch.order], batch.notes, limits)
         with progress.stage("write"):
             for name, view in REPORT_FILES.items():
                 write_text(batch.output / name, view(overview), overwrite=True)
@@ -225,7 +226,11 @@ def _describe_outcome(outcome: Outcome) -> str:
     percent = format_percent(entry.report.counted.rms_percent)
     over = ", over a limit" if entry.exceeds_limit else ""
     again = f"; replaces the result of {outcome.replaced}" if outcome.replaced else ""
-    return f"{known}{entry.report.verdict}: {percent} % of the size on average{over}{again}"
+    earlier = entry.report.baseline_name
+    renamed = f"; in the baseline as {earlier}" if earlier not in (None, entry.name) else ""
+    return (
+        f"{known}{entry.report.verdict}: {percent} % of the size on average{over}{renamed}{again}"
+    )
 
 
 @contextmanager

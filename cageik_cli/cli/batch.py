@@ -301,6 +301,7 @@ def plan_batch(options: BatchOptions, shared: SharedOptions) -> "BatchPlan":
         message = f"none of {len(found)} clips can be started: {rejected[0].fault}"
         raise click.UsageError(message) if is_wrong_usage else SettingError(message)
     order = tuple(clip.name for clip in found)
+    jobs = [replace(job, limits=job.limits.match_several(order)) for job in jobs]
     return BatchPlan(options.output, tuple(jobs), tuple(rejected), order, tuple(notes))
 
 
@@ -391,7 +392,7 @@ def _make_clip_settings(
         limits = LIMIT_OPTIONS.make_record(context.params).load(load_baseline)
         settings = EXTRACT_OPTIONS.make_record(context.params)
         check_any_frame(settings.clip.selection)
-        return settings, limits.match_by_name()
+        return settings, limits
 
 
 def _describe_fault(error: click.UsageError | CageikError) -> str:

@@ -130,7 +130,12 @@ def extract_command(
     cageik extract shot.usdc::/hero/body --cage cage.obj --frames 1020-1060
     cageik extract hero.glb::Run --fit --fps 30
     """  # noqa: D301
-    from cageik_cli.cli.output import echo_exceeded_limits, exit_with_code, show_progress
+    from cageik_cli.cli.output import (
+        echo_exceeded_limits,
+        echo_gaps,
+        exit_with_code,
+        show_progress,
+    )
     from cageik_cli.report.overview import Overview, build_clip_entry
     from cageik_cli.report.record import build_report
     from cageik_cli.run.extraction import extract
@@ -146,13 +151,14 @@ def extract_command(
         result = extract(settings, progress)
         messages = _export(planned, progress)
     report = build_report(result, loaded_limits, spelling=spell_option)
-    overview = Overview([build_clip_entry(report)])
+    overview = Overview([build_clip_entry(report)], limits={report.result: loaded_limits})
     if quiet:
         echo_exceeded_limits(overview)
     else:
         click.echo(_format_run(report, progress), err=True)
         for text in [*messages, *_list_written(settings, result)]:
             click.echo(text, err=True)
+        echo_gaps(overview)
     if get_verbosity():
         click.echo(f"cache: {settings.cache}", err=True)
         click.echo(f"settings: {json.dumps(result.settings)}", err=True)

@@ -19,7 +19,7 @@ from cageik_cli.util.errors import OutputError
 from cageik_cli.util.messages import Row, Said
 from cageik_cli.util.outputs import check_no_overlap, check_writable, write_bytes, write_text
 from cageik_cli.util.progress import ProgressListener
-from cageik_cli.util.text import format_block, format_row
+from cageik_cli.util.text import format_block, format_row, single_line
 
 if TYPE_CHECKING:
     from tqdm import tqdm
@@ -189,6 +189,14 @@ def echo_exceeded_limits(overview: "Overview") -> None:
             if check.passed is False:
                 row = ": ".join(format_check_row(check, entry.vocabulary))
                 click.echo(f"{entry.label}: {row}", err=True)
+    echo_gaps(overview)
+
+
+def echo_gaps(overview: "Overview") -> None:
+    """Print on stderr which clips the run or its baseline lacks, one line each."""
+    for gap in overview.gaps:
+        accept = "--allow-new" if gap.is_new else "--allow-missing"
+        click.echo(single_line(f"{gap.name}: {gap.text} ({accept} accepts this)"), err=True)
 
 
 def format_command_output(

@@ -18,6 +18,7 @@ from cageik_cli.cli.output import (
     append_step_summary,
     check_views,
     echo_exceeded_limits,
+    echo_gaps,
     exit_with_code,
     list_next_steps,
     show_progress,
@@ -141,15 +142,16 @@ def report_command(
 
     check_views(list(targets.named.values()), [*results, limits.baseline], overwrite)
     loaded_limits = limits.load()
-    if len(results) > 1:
-        loaded_limits = loaded_limits.match_by_name()
     loaded = [read_animation(path) for path in results]
     names = _choose_names(results)
+    if len(results) > 1:
+        loaded_limits = loaded_limits.match_several(names)
     reports = [
         build_report(result, loaded_limits, name, spell_option)
         for result, name in zip(loaded, names, strict=True)
     ]
-    overview = Overview([build_clip_entry(report) for report in reports])
+    entries = [build_clip_entry(report) for report in reports]
+    overview = Overview(entries, limits=dict.fromkeys(names, loaded_limits))
     _write_views(targets, overwrite, loaded[0], reports, overview)
     film_words = _write_film(targets.film, loaded[0], film, overwrite, quiet)
     append_step_summary(format_markdown(overview))
@@ -161,6 +163,7 @@ def report_command(
         if len(results) == 1:
             lines += list_next_steps(loaded[0])
         click.echo("\n".join(lines), err=targets.uses_stdout)
+        echo_gaps(overview)
     exit_with_code(overview)
 
 
@@ -179,7 +182,7 @@ def _write_views(
         "html": partial(_render_page, result, reports[0], not targets.no_player),
         "plot": partial(_render_plot, reports[0], targets.plot),
         "player": partial(_render_player, result),
-        "json": partial(format_json, reports),
+        "json": partial(format_json, reports, overview.gaps),
         "csv": partial(format_csv, reports),
         "junit": partial(format_junit, overview),
         "markdown": partial(format_markdown, overview),

@@ -6,9 +6,10 @@ an earlier run are read from the JSON of a report, of several, or of a batch.
 
 import math
 import sys
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from decimal import ROUND_FLOOR, Decimal, localcontext
+from itertools import takewhile
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +24,7 @@ from cageik_cli.report.figures import (
 from cageik_cli.util.errors import FormatError, SettingError, error_context
 from cageik_cli.util.json_files import JsonFormat, format_value, read_json
 from cageik_cli.util.messages import Hint
+from cageik_cli.util.text import to_unicode
 
 METRICS = ("rms", "frame_rms", "max_deviation", "volume_change")
 """The rms of the clip and of its worst frame, the largest deviation and volume change."""
@@ -81,21 +83,72 @@ class Baseline:
         the metric was not defined.
     max_regression : Decimal
         Percent of the earlier value.
-    is_matched_by_name : bool
-        Whether results are compared only with earlier ones of the same name; otherwise a file that
-        holds one result is compared with a result of any name.
+    digests : mapping of str to str
+        The digest of each result's frames, by its name; edits and reports of earlier versions have
+        none.
+    taken : frozenset of str
+        The names of all results of a run of several; each is compared with its own name.
+    allow_new, allow_missing : bool
+        Whether a run may have results that the file lacks, and lack some that it has.
     """
 
     path: Path
     metrics: Mapping[str, Mapping[str, float | None]]
     max_regression: Decimal
-    is_matched_by_name: bool = False
+    digests: Mapping[str, str] = field(default_factory=dict)
+    taken: frozenset[str] = frozenset()
+    allow_new: bool = False
+    allow_missing: bool = False
 
-    def find_counterpart(self, name: str) -> Mapping[str, float | None] | None:
-        """Return the earlier metrics of a result; None if there are none."""
-        if len(self.metrics) == 1 and not self.is_matched_by_name:
-            return next(iter(self.metrics.values()))
-        return self.metrics.get(name)
+    def find_counterpart(self, name: str, digest: str | None) -> str | None:
+        """Return the earlier name of a result: its own, else that of the same frames, or None.
+
+        Of several with the same frames, it is the one whose name ends most alike.
+
+        Raises
+        ------
+        FormatError
+            When the only result of the file is of another clip than the only one of the run.
+        """
+        if name in self.metrics:
+            return name
+        same = [
+            earlier
+            for earlier, known in self.digests.items()
+            if known == digest and earlier not in self.taken
+        ]
+        if same:
+            return max(
+                same,
+                key=lambda earlier: _count_alike(earlier[::-1], name.removesuffix(".h5")[::-1]),
+            )
+        if len(self.metrics) == 1 and not self.taken:
+            raise FormatError(
+                f"{self.path}: holds {next(iter(self.metrics))} only, neither the name nor the "
+                f"frames of {name}; name the baseline of this clip"
+            )
+        return None
+
+
+def _count_alike(first: str, second: str) -> int:
+    pairs = zip(first, second, strict=False)
+    return sum(1 for _ in takewhile(lambda pair: pair[0] == pair[1], pairs))
+
+
+@dataclass(frozen=True, slots=True)
+class Gap:
+    """A result that is in the run or in the baseline, but not in both; it fails the gate."""
+
+    name: str
+    baseline: str
+    is_new: bool
+
+    @property
+    def text(self) -> str:
+        """What is wrong."""
+        if self.is_new:
+            return f"not in the baseline {self.baseline}"
+        return f"in the baseline {self.baseline}, not in this run"
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,11 +158,15 @@ class Limits:
     limits: tuple[Limit, ...] = ()
     baseline: Baseline | None = None
 
-    def match_by_name(self) -> "Limits":
-        """Return the same limits for several results, each compared with its own name only."""
+    def match_several(self, names: Iterable[str]) -> "Limits":
+        """Return the same limits for each of several results of these names."""
         if self.baseline is None:
             return self
-        return replace(self, baseline=replace(self.baseline, is_matched_by_name=True))
+        return replace(self, baseline=replace(self.baseline, taken=frozenset(names)))
+
+    def find_counterpart(self, name: str, digest: str | None) -> str | None:
+        """Return the name that the baseline has for a result; None without one."""
+        return None if self.baseline is None else self.baseline.find_counterpart(name, digest)
 
 
 @dataclass(frozen=True, slots=True)
@@ -164,8 +221,10 @@ class LimitCheck:
         return f"{limit} (baseline {format_percent(self.baseline)}{unit})"
 
 
-def check_limits(name: str, summary: ReportSummary, limits: Limits) -> tuple[LimitCheck, ...]:
-    """Compare a result of this name and summary with the limits.
+def check_limits(
+    counterpart: str | None, summary: ReportSummary, limits: Limits
+) -> tuple[LimitCheck, ...]:
+    """Compare the summary of a result with the limits; `counterpart` is its name in the baseline.
 
     A limit computed from a baseline is the earlier value as printed, times 1 + regression/100,
     rounded down to the decimals in which metrics are printed. Rounding changes no verdict, since
@@ -174,9 +233,8 @@ def check_limits(name: str, summary: ReportSummary, limits: Limits) -> tuple[Lim
     """
     checks = [_check_limit(limit, summary) for limit in limits.limits]
     baseline = limits.baseline
-    if baseline is not None:
-        baseline_metrics = baseline.find_counterpart(name) or {}
-        for metric, value in baseline_metrics.items():
+    if baseline is not None and counterpart is not None:
+        for metric, value in baseline.metrics[counterpart].items():
             if value is not None:
                 baseline_value = Decimal(format_percent(value))
                 limit = Limit(metric, _allow_regression(baseline_value, baseline.max_regression))
@@ -184,19 +242,84 @@ def check_limits(name: str, summary: ReportSummary, limits: Limits) -> tuple[Lim
     return tuple(checks)
 
 
-def missing_in_baseline(name: str, summary: ReportSummary, limits: Limits) -> tuple[str, ...]:
-    """Write a sentence on each metric that the baseline lacks."""
+def list_baseline_notes(
+    name: str,
+    digest: str | None,
+    summary: ReportSummary,
+    limits: Limits,
+) -> tuple[str, ...]:
+    """Write a sentence on how a result was matched, and on each metric that the baseline lacks."""
     baseline = limits.baseline
     if baseline is None:
         return ()
-    baseline_metrics = baseline.find_counterpart(name)
-    if baseline_metrics is None:
-        return (f"not compared with the baseline: {baseline.path} has no result named {name}",)
-    return tuple(
-        f"{metric.replace('_', ' ')} not compared with the baseline: not defined in {baseline.path}"
-        for metric, value in baseline_metrics.items()
+    notes = []
+    counterpart = baseline.find_counterpart(name, digest)
+    if not baseline.digests:
+        notes.append(f"{baseline.path.name} has no digests of frames: compared by name alone")
+    if counterpart is None:
+        return (*notes, f"not compared with the baseline: {baseline.path.name} has no such clip")
+    if counterpart != name:
+        notes.append(f"renamed: its frames are those of {counterpart} in {baseline.path.name}")
+    elif digest is not None and baseline.digests.get(name, digest) != digest:
+        notes.append(f"its frames differ from those in {baseline.path.name}")
+    notes += (
+        f"{metric.replace('_', ' ')} not compared with the baseline: not defined in "
+        f"{baseline.path.name}"
+        for metric, value in baseline.metrics[counterpart].items()
         if value is None and _round_as_printed(summary, metric, PERCENT) is not None
     )
+    return tuple(notes)
+
+
+def find_frames_digest(sources: Mapping[str, Any], edited_from: str | None) -> str | None:
+    """Return the digest of the frames that a result was made of; None of an edit.
+
+    Clips of one file share the digest of the file, and differ in the name behind its own.
+    """
+    frames = sources.get("frames")
+    if edited_from is not None or not isinstance(frames, dict):
+        return None
+    digest, name = frames.get("sha256"), frames.get("name")
+    if not isinstance(digest, str) or not isinstance(name, str):
+        return None
+    return digest + "".join(name.partition("::")[1:])
+
+
+def find_gaps(
+    names: Iterable[str], limits: Mapping[str, Limits], counterparts: Mapping[str, str | None]
+) -> tuple[Gap, ...]:
+    """Find results that the run or a baseline lacks, and that are not allowed.
+
+    Parameters
+    ----------
+    names : iterable of str
+        All results of the run, failed ones, too.
+    limits : mapping of str to Limits
+        By name.
+    counterparts : mapping of str to str or None
+        What the baseline has for each result that did not fail.
+    """
+    held = {*names, *counterparts.values()}
+    gaps: dict[Gap, None] = {}
+    claimed: set[tuple[Path, str]] = set()
+    searched: set[Path] = set()
+    for name, one in limits.items():
+        baseline = one.baseline
+        if baseline is None:
+            continue
+        path, file = baseline.path, baseline.path.name
+        if name in counterparts:
+            earlier = counterparts[name]
+            # Of copies of a clip that was renamed, one is that clip.
+            is_new = earlier is None or (path, earlier) in claimed
+            if earlier is not None:
+                claimed.add((path, earlier))
+            if is_new and not baseline.allow_new:
+                gaps[Gap(name, file, is_new=True)] = None
+        if not baseline.allow_missing and path not in searched:
+            searched.add(path)
+            gaps |= {Gap(n, file, is_new=False): None for n in baseline.metrics if n not in held}
+    return tuple(gaps)
 
 
 def list_limit_notes(limits: Limits, diagonal: float) -> tuple[str, ...]:
@@ -284,24 +407,28 @@ def read_baseline(path: Path, max_regression: Decimal) -> Baseline:
     """
     with error_context(path):
         metrics: dict[str, dict[str, float | None]] = {}
+        digests: dict[str, str] = {}
         document = read_json(path, JsonFormat("the JSON of an earlier report", MAX_BASELINE_BYTES))
-        for name, found in _iterate_results(document):
+        for given, found, digest in _iterate_results(document):
+            name = to_unicode(given)
             if name in metrics:
                 raise FormatError(
                     f"holds two results named {name}, expected one; give the results different "
                     "names, or use the report of a batch"
                 )
             metrics[name] = found
+            if digest is not None:
+                digests[name] = digest
         if not metrics:
             raise FormatError(
                 "holds no result with metrics, expected at least one; name the JSON of "
                 "cageik report or cageik batch"
             )
-    return Baseline(path, metrics, max_regression)
+    return Baseline(path, metrics, max_regression, digests)
 
 
-def _iterate_results(document: Any) -> Iterator[tuple[str, dict[str, float | None]]]:
-    """Yield the name and the metrics of each result that has metrics."""
+def _iterate_results(document: Any) -> Iterator[tuple[str, dict[str, float | None], str | None]]:
+    """Yield the name, the metrics and the frames' digest of each result that has metrics."""
     if isinstance(document, list):
         for k, record in enumerate(document):
             with error_context(f"[{k}]"):
@@ -311,7 +438,11 @@ def _iterate_results(document: Any) -> Iterator[tuple[str, dict[str, float | Non
         for k, entry in enumerate(_get_member(document, "clips", list)):
             with error_context(f"clips[{k}]"):
                 if _check_type(entry, dict).get("summary") is not None:
-                    yield _get_member(entry, "name", str), _parse_metrics(entry)
+                    yield (
+                        _get_member(entry, "name", str),
+                        _parse_metrics(entry),
+                        _parse_digest(entry),
+                    )
     else:
         _check_units(document)
         yield _parse_record(document)
@@ -332,9 +463,16 @@ def _check_units(held: dict[str, Any]) -> None:
             )
 
 
-def _parse_record(record: dict[str, Any]) -> tuple[str, dict[str, float | None]]:
+def _parse_record(record: dict[str, Any]) -> tuple[str, dict[str, float | None], str | None]:
     _check_schema(record)
-    return _get_member(record, "result", str), _parse_metrics(record)
+    return _get_member(record, "result", str), _parse_metrics(record), _parse_digest(record)
+
+
+def _parse_digest(record: dict[str, Any]) -> str | None:
+    """Return the digest of the frames; None in a record of an earlier version."""
+    if record.get("sources") is None:
+        return None
+    return find_frames_digest(_get_member(record, "sources", dict), record.get("edited_from"))
 
 
 def _check_schema(record: dict[str, Any]) -> None:

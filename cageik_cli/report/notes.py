@@ -16,7 +16,7 @@ from cageik_cli.geometry.parts import name_vertex
 from cageik_cli.method.solve.regions import Cause
 from cageik_cli.report.figures import ReportSummary, format_briefly, format_percent
 from cageik_cli.report.fit_rows import list_fit_notes
-from cageik_cli.report.limits import Limits, list_limit_notes, missing_in_baseline
+from cageik_cli.report.limits import Limits, list_baseline_notes, list_limit_notes
 from cageik_cli.report.regions import list_region_notes
 from cageik_cli.store.result import (
     Result,
@@ -98,9 +98,13 @@ MAX_ADVISED_VERTICES = 400
 
 
 def list_notes(
-    result: StoredAnimation, name: str, summary: ReportSummary, limits: Limits
+    result: StoredAnimation,
+    name: str,
+    digest: str | None,
+    summary: ReportSummary,
+    limits: Limits,
 ) -> tuple[Note, ...]:
-    """List all notes; a baseline knows the result by `name`.
+    """List all notes; a baseline knows the result by `name`, or by the digest of its frames.
 
     Warnings come first, then notes on how good a result is, then those on the files it came from.
 
@@ -116,7 +120,7 @@ def list_notes(
         *clip,
         *list_limit_notes(limits, result.rest.diagonal),
         *outliers,
-        *missing_in_baseline(name, summary, limits),
+        *list_baseline_notes(name, digest, summary, limits),
     )
     every = (*map(Note, found), *result.notes)
     return tuple(sorted(every, key=lambda note: note.kind != "warning"))

@@ -1,6 +1,6 @@
 """The record of many clips, shown by the index page, JUnit and Markdown."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import takewhile
 from pathlib import PurePosixPath
@@ -8,7 +8,7 @@ from pathlib import PurePosixPath
 import numpy as np
 
 from cageik_cli.report.figures import FrameRecord
-from cageik_cli.report.limits import LimitCheck
+from cageik_cli.report.limits import Gap, LimitCheck, Limits, find_gaps
 from cageik_cli.report.record import Report
 from cageik_cli.report.vocabulary import (
     EDIT_VOCABULARY,
@@ -122,10 +122,13 @@ class Overview:
     ----------
     notes : sequence of str
         On the run as a whole, such as on files that are no clips.
+    limits : mapping of str to Limits
+        By the names of the clips that have some.
     """
 
     clips: Sequence[ClipEntry]
     notes: Sequence[str] = ()
+    limits: Mapping[str, Limits] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         labels = shorten_names([clip.name for clip in self.clips])
@@ -133,6 +136,13 @@ class Overview:
             replace(clip, label=label) for clip, label in zip(self.clips, labels, strict=True)
         ]
         object.__setattr__(self, "clips", labelled)
+
+    @property
+    def gaps(self) -> tuple[Gap, ...]:
+        """Clips that the run or the baseline lacks, and that are not allowed."""
+        names = [clip.name for clip in self.clips]
+        compared = {one.name: one.report.baseline_name for one in self.clips if one.report}
+        return find_gaps(names, self.limits, compared)
 
     @property
     def worst_first(self) -> list[ClipEntry]:
@@ -155,11 +165,11 @@ class Overview:
 
     @property
     def exit_code(self) -> int:
-        """0 success, 1 all clips failed, 4 some failed, 3 none failed but a limit is exceeded."""
+        """0 success, 1 all clips failed, 4 some failed, 3 a limit is exceeded or there is a gap."""
         failed = sum(entry.has_failed for entry in self.clips)
         if failed:
             return 1 if failed == len(self.clips) else 4
-        return 3 if any(entry.exceeds_limit for entry in self.clips) else 0
+        return 3 if self.gaps or any(entry.exceeds_limit for entry in self.clips) else 0
 
 
 def shorten_names(names: Sequence[str]) -> list[str]:

@@ -26,7 +26,7 @@ from cageik_cli.report.fit_rows import (
     is_fitted_to_clip,
     measure_gap_closed,
 )
-from cageik_cli.report.limits import LimitCheck, Limits, check_limits
+from cageik_cli.report.limits import LimitCheck, Limits, check_limits, find_frames_digest
 from cageik_cli.report.notes import MAX_FAIR_RMS, judge_quality, list_notes, suggest_step
 from cageik_cli.report.regions import (
     PartRecord,
@@ -71,7 +71,8 @@ class Report:
     `quality` is a key of `QUALITY_WORDS`, and `better` the one step that would help most; both are
     None for an edit, `better` also where there is no such step. `gain` is what that step has gained
     on some frames; None if it was not tried, as it cannot hurt. `hidden` are the errors of vertices
-    that were hidden on purpose, as others are missing; None if none are.
+    that were hidden on purpose, as others are missing; None if none are. `baseline_name` is the
+    result in the baseline that this one was compared with; None if there is none.
     """
 
     schema: int
@@ -98,6 +99,7 @@ class Report:
     better: str | None = None
     gain: TriedStep | None = None
     hidden: HiddenErrors | None = None
+    baseline_name: str | None = None
 
     @property
     def verdict(self) -> str | None:
@@ -139,6 +141,9 @@ def build_report(
     rest, result_name = result.rest, to_unicode(name or result.path.name)
     _, radius = smallest_enclosing_sphere(rest.vertices[rest.used_vertices])
     limits = limits or Limits()
+    fields = export_fields(result)
+    digest = find_frames_digest(result.sources, fields.get("edited_from"))
+    counterpart = limits.find_counterpart(result_name, digest)
     frames, parts = _build_frames(result, spelling), build_parts(result)
     summary = replace(
         _build_summary(result, frames, radius),
@@ -153,7 +158,7 @@ def build_report(
         tool={"name": "cageik", "version": result.version},
         result=result_name,
         notes=tuple(
-            one.spell(spelling) for one in list_notes(result, result_name, summary, limits)
+            one.spell(spelling) for one in list_notes(result, result_name, digest, summary, limits)
         ),
         clip=ClipRecord(
             frames=len(frames),
@@ -171,9 +176,10 @@ def build_report(
         summary=summary,
         vertices=_build_vertex_metrics(result),
         frames=frames,
-        gates=check_limits(result_name, summary, limits),
+        gates=check_limits(counterpart, summary, limits),
+        baseline_name=counterpart,
         parts=parts,
-        **export_fields(result),
+        **fields,
         **judged,
     )
 

@@ -10,6 +10,7 @@ import sys
 import time
 from functools import partial
 from pathlib import Path
+from xml.etree import ElementTree
 
 import h5py
 import numpy as np
@@ -308,6 +309,134 @@ def test_an_earlier_report_is_a_baseline_by_names(run, done, monkeypatch):
     assert len(read) == 1
     assert run(*BATCH, "--resume", "--alpha", "10", *same).code == 3
     assert any(gate["baseline"] is not None for gate in report()["runs/fast"]["gates"])
+
+
+def change_old(change):
+    """Change the clips of the baseline, by name."""
+    record = json.loads(Path("old.json").read_text())
+    clips = {clip["name"]: clip for clip in record["clips"]}
+    change(clips)
+    Path("old.json").write_text(json.dumps(record | {"clips": list(clips.values())}))
+
+
+def scale(clips, factor):
+    summary = clips["walk"]["summary"]
+    summary |= {k: factor * v for k, v in summary.items() if v and k.endswith("rms_percent")}
+
+
+def copy_clip(source, target):
+    shutil.copytree(source, target)
+
+
+def touch_frames():
+    for path in Path("anim/walk").glob("f_*.obj"):
+        path.write_text(path.read_text() + "# again\n")
+
+
+def touch_cage():
+    Path("anim/cage.obj").write_text(Path("anim/cage.obj").read_text() + "# again\n")
+
+
+def move_root():
+    Path("moved").mkdir()
+    Path("anim").rename("moved/anim")
+
+
+def rename_with_copy():
+    Path("anim/walk").rename("anim/stroll")
+    copy_clip("anim/stroll", "anim/twin")
+
+
+NEW, MISSING = "not in the baseline old.json", "in the baseline old.json, not in this run"
+SAME = ("batch", "anim", "-o", "out", "--no-pages", "--resume")
+ONE = ("report", "out/clips/walk.h5")
+AGAINST = ("--baseline", "old.json")
+SITUATIONS = {
+    "same": (lambda: None, SAME, 0, "3 clips: 3 done"),
+    "renamed": (
+        lambda: Path("anim/walk").rename("anim/stroll"), SAME, 0, "; in the baseline as walk",
+    ),
+    "moved root": (
+        move_root, ("batch", "moved", *SAME[2:]), 0, "; in the baseline as runs/fast",
+    ),
+    "renamed and changed": (
+        lambda: (touch_frames(), Path("anim/walk").rename("anim/stroll")), SAME, 3,
+        f"walk: {MISSING}",
+    ),
+    "missing": (lambda: shutil.rmtree("anim/walk"), SAME, 3, f"walk: {MISSING}"),
+    "missing, allowed": (
+        lambda: shutil.rmtree("anim/walk"), (*SAME, "--allow-missing"), 0, "2 clips: 2 done",
+    ),
+    "missing, new allowed": (
+        lambda: shutil.rmtree("anim/walk"), (*SAME, "--allow-new"), 3, f"walk: {MISSING}",
+    ),
+    "new": (lambda: copy_clip("anim/walk", "anim/more"), SAME, 3, f"more: {NEW}"),
+    "new, allowed": (
+        lambda: copy_clip("anim/walk", "anim/more"), (*SAME, "--allow-new"), 0, "4 clips: 4 done",
+    ),
+    "new, missing allowed": (
+        lambda: copy_clip("anim/walk", "anim/more"), (*SAME, "--allow-missing"), 3, f"more: {NEW}",
+    ),
+    "renamed twice": (rename_with_copy, SAME, 3, f"twin: {NEW}"),
+    "duplicate names": (
+        lambda: change_old(lambda clips: clips["walk"].update(name="face.npz")), SAME, 1,
+        "old.json: holds two results named face.npz",
+    ),
+    "other frames": (touch_frames, SAME, 0, "3 clips: 3 done"),
+    "other cage": (touch_cage, SAME, 0, "replaces the result of other"),
+    "worse": (
+        lambda: change_old(lambda clips: scale(clips, 0.5)), SAME, 3, "walk: over limit: rms",
+    ),
+    "better": (lambda: change_old(lambda clips: scale(clips, 2.0)), SAME, 0, "3 clips: 3 done"),
+    "another schema": (
+        lambda: Path("old.json").write_text('{"schema": 9, "clips": []}'), SAME, 1,
+        "old.json: schema is 9, expected 1",
+    ),
+    "empty": (
+        lambda: change_old(dict.clear), SAME, 1, "old.json: holds no result with metrics",
+    ),
+    "of a batch, one clip": (lambda: None, ONE, 3, f"runs/fast: {MISSING}"),
+    "of a batch, one clip, allowed": (
+        lambda: None, (*ONE, "-v", "--allow-missing"), 0, "its frames are those of walk in old",
+    ),
+    "of another clip": (
+        lambda: change_old(lambda clips: [clips.pop(n) for n in ("walk", "runs/fast")]), ONE, 1,
+        "old.json: holds face.npz only, neither the name nor the frames of walk.h5",
+    ),
+    "of another clip, allowed": (
+        lambda: change_old(lambda clips: [clips.pop(n) for n in ("walk", "runs/fast")]),
+        (*ONE, "--allow-new", "--allow-missing"), 1, "old.json: holds face.npz only",
+    ),
+    "of an earlier version": (
+        lambda: change_old(lambda clips: [clip.pop("sources") for clip in clips.values()]),
+        (*ONE, "-v"), 3, "old.json has no digests of frames: compared by name alone",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("prepare", "words", "code", "says"), SITUATIONS.values(), ids=SITUATIONS)
+def test_the_gate_of_a_baseline_has_no_hole(run, done, prepare, words, code, says):
+    Path("out/report.json").rename("old.json")
+    prepare()
+    outcome = run(*words, *AGAINST)
+    assert outcome.code == code, outcome.err
+    assert any(says in line for line in (outcome.out + outcome.err).splitlines())
+    if "--no-pages" not in words or says.split(": ")[-1] not in (NEW, MISSING):
+        return
+    name, text = says.split(": ")
+    gaps = {
+        gap["name"]: gap["is_new"]
+        for gap in json.loads(Path("out/report.json").read_text())["gaps"]
+    }
+    assert gaps[name] is (text == NEW)
+    junit = ElementTree.parse("out/junit.xml").getroot()
+    failed = {
+        case.get("classname"): case[0].get("message")
+        for case in junit.iterfind(".//testcase[failure]")
+    }
+    assert failed[name] == text
+    for view in ("out/index.html", "out/report.md"):
+        assert "not in" in Path(view).read_text()
 
 
 def test_the_markdown_is_appended_to_the_steps_page(run, anim, here, monkeypatch):

@@ -2,18 +2,21 @@
 
 import json
 import os
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from decimal import Decimal
+from xml.etree import ElementTree
 
 import pytest
 
+from cageik_cli.batch.run import REPORT_FILES
 from cageik_cli.report import limits as baseline
-from cageik_cli.report.limits import read_baseline
+from cageik_cli.report.limits import Limits, read_baseline
 from cageik_cli.report.overview import ClipEntry, Overview, build_clip_entry
 from cageik_cli.report.record import build_report
 from cageik_cli.report.views.data import format_json, format_overview_json
 from cageik_cli.util.errors import FileAccessError, FormatError
-from tests.report.clips import percent_metrics, summary
+from cageik_cli.util.text import to_unicode
+from tests.report.clips import HOSTILE, clip, percent_metrics, summary
 
 TEN = Decimal(10)
 
@@ -28,7 +31,9 @@ def test_one_result_is_read(request, old, case):
     report = build_report(request.getfixturevalue(case).result)
     old.write_text(format_json([report]))
     found = read_baseline(old, TEN)
-    assert found == baseline.Baseline(old, {"cages.h5": percent_metrics(report.summary)}, TEN)
+    digest = report.sources["frames"]["sha256"]
+    expected = {"cages.h5": percent_metrics(report.summary)}
+    assert found == baseline.Baseline(old, expected, TEN, {"cages.h5": digest})
 
 
 def test_several_results_and_a_batch_are_read(closed, opened, old):
@@ -88,6 +93,7 @@ FAULTS = {
         "clips[0]: summary: is 3, ",
     ),
     "a key twice": ('[{"schema": 1, "schema": 1}]', '[0]: has "schema" twice'),
+    "sources no object": ({**record(), "sources": 3}, "sources: is 3, expected an object"),
     "twice": ([record(), record()], "a.h5"),
     "too large": ('{"schema": 1, "result": "a", "summary": {"rms_percent": 1e999}}', "Infinity"),
     **{
@@ -145,3 +151,24 @@ def test_a_pipe_is_refused_without_waiting(old):
     os.mkfifo(old)
     with pytest.raises(FileAccessError, match=r"old\.json: "):
         read_baseline(old, TEN)
+
+
+@pytest.mark.parametrize("name", HOSTILE.values(), ids=HOSTILE)
+def test_clips_of_any_name_that_are_missing_are_in_all_views(old, name):
+    old.write_text(json.dumps(record() | {"result": name}))
+    entry, limits = clip("a/b"), Limits((), read_baseline(old, TEN)).match_several(["a/b"])
+    overview = Overview([entry], limits={"a/b": limits})
+    assert [gap.is_new for gap in overview.gaps] == [True, False]
+    assert overview.exit_code == 3
+    views = {file: view(overview) for file, view in REPORT_FILES.items()}
+    assert all(text.encode() for text in views.values())
+    found = json.loads(views["report.json"])["gaps"]
+    assert [gap["name"] for gap in found] == ["a/b", to_unicode(name)]
+    suite = ElementTree.fromstring(views["junit.xml"])[-1]
+    assert (suite.get("name"), suite.get("failures"), len(suite.findall("testcase"))) == (
+        "baseline", "2", 2,
+    )  # fmt: skip
+    for file, heading in (("report.md", "### Not in both"), ("index.html", "2 clips not in both")):
+        assert heading in views[file]
+    allowed = replace(limits.baseline, allow_new=True, allow_missing=True)
+    assert Overview([entry], limits={"a/b": Limits((), allowed)}).exit_code == 0

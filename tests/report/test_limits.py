@@ -1,7 +1,7 @@
 """Metrics are compared as printed, with typed limits and with a baseline."""
 
 import json
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from decimal import Decimal
 from pathlib import Path
 
@@ -16,7 +16,9 @@ from cageik_cli.report.limits import (
     Limit,
     Limits,
     check_limits,
-    missing_in_baseline,
+    find_frames_digest,
+    find_gaps,
+    list_baseline_notes,
 )
 from cageik_cli.report.record import build_report
 from cageik_cli.report.views.text import format_check_row
@@ -138,20 +140,48 @@ def test_every_metric_is_compared(metric):
     assert over == [metric]
 
 
-def test_a_baseline_of_one_result_matches_any_name():
-    one = Limits((), baseline({"a": percent_metrics(summary())}, "0"))
-    two = Limits(
-        (), baseline({"a": percent_metrics(summary()), "b": percent_metrics(summary())}, "0")
-    )
-    says = ("not compared with the baseline: old.json has no result named c",)
-    for limits, name, count in (
-        (one, "a", 4), (one, "c", 4), (one.match_by_name(), "a", 4), (one.match_by_name(), "c", 0),
-        (two, "b", 4), (two, "c", 0),
-    ):  # fmt: skip
-        assert len(check_limits(name, summary(), limits)) == count
-        assert missing_in_baseline(name, summary(), limits) == (() if count else says)
-    assert Limits().match_by_name() == Limits()
-    assert missing_in_baseline("a", summary(), Limits()) == ()
+@pytest.mark.parametrize(
+    ("name", "digest", "earlier"),
+    [
+        ("a", "1", "a"), ("a", "2", "a"), ("a", None, "a"), ("c", "1", "a"), ("c", None, None),
+        ("c", "3", None), ("x/b", "2", "b"), ("x/y.h5", "2", "y"), ("z", "2", "b"),
+    ],
+)  # fmt: skip
+def test_a_result_is_known_by_its_name_or_by_its_frames(name, digest, earlier):
+    figures = dict.fromkeys(("a", "b", "y"), percent_metrics(summary()))
+    old = replace(baseline(figures, "0"), digests={"a": "1", "b": "2", "y": "2"})
+    limits = Limits((), old)
+    assert limits.find_counterpart(name, digest) == earlier
+    assert len(check_limits(earlier, summary(), limits)) == (0 if earlier is None else 4)
+    several = limits.match_several([name, "b"])
+    expected = {"b": name if name == "b" else "y"}.get(earlier, earlier)
+    assert several.find_counterpart(name, digest) == expected
+    notes = list_baseline_notes(name, digest, summary(), limits)
+    says = {None: "has no such clip", name: "differ"}.get(earlier, f"those of {earlier} in old")
+    is_same = earlier == name and digest in (None, old.digests[name])
+    assert notes == () if is_same else says in notes[0]
+
+
+def test_without_a_baseline_nothing_is_compared_and_nothing_lacks():
+    assert Limits().match_several(["a"]) == Limits()
+    assert Limits().find_counterpart("a", "1") is None
+    assert list_baseline_notes("a", "1", summary(), Limits()) == ()
+    assert find_gaps(["a"], {"a": Limits()}, {"a": None}) == ()
+
+
+@pytest.mark.parametrize("edited_from", [None, "walk.h5"])
+@pytest.mark.parametrize(
+    ("sources", "digest"),
+    [
+        ({"frames": {"name": "a.h5::run", "sha256": "1f"}}, "1f::run"),
+        ({"frames": {"name": "a.obj ... b.obj", "sha256": "1f"}}, "1f"),
+        ({"frames": {"name": "a"}}, None), ({"frames": {"sha256": "1f"}}, None),
+        ({"frames": 3}, None), ({}, None),
+    ],
+)  # fmt: skip
+def test_clips_of_one_file_differ_and_an_edit_is_no_clip(sources, digest, edited_from):
+    found = find_frames_digest(sources, edited_from)
+    assert found == (digest if edited_from is None else None)
 
 
 def test_a_volume_that_only_one_run_has_is_not_checked():
@@ -161,17 +191,25 @@ def test_a_volume_that_only_one_run_has_is_not_checked():
     assert (gate.metric, gate.found, gate.passed) == ("volume_change", None, None)
     now_closed = Limits((), baseline({"a": percent_metrics(opened)}, "10"))
     assert [gate.metric for gate in check_limits("a", summary(), now_closed)] == list(METRICS[:3])
-    assert missing_in_baseline("a", summary(), now_closed) == (
+    assert list_baseline_notes("a", None, summary(), known(now_closed)) == (
         "volume change not compared with the baseline: not defined in old.json",
     )
-    assert missing_in_baseline("a", opened, now_closed) == ()
+    assert list_baseline_notes("a", None, opened, known(now_closed)) == ()
+
+
+def known(limits: Limits) -> Limits:
+    """The limits with a digest in their baseline."""
+    return replace(limits, baseline=replace(limits.baseline, digests={"a": "1"}))
 
 
 def test_typed_limits_come_first(closed):
+    digest = find_frames_digest(closed.result.sources, None)
     figures = build_report(closed.result).summary
     limits = Limits(
         (Limit("rms", Decimal(format_length(figures.rms)), FILE_UNITS),),
-        baseline({"other": percent_metrics(figures)}, "0"),
+        replace(
+            baseline({"cages.h5": percent_metrics(figures)}, "0"), digests={"cages.h5": digest}
+        ),
     )
     report = build_report(closed.result, limits)
     assert [gate.baseline is None for gate in report.gates] == [True, False, False, False, False]

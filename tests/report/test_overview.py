@@ -145,6 +145,8 @@ def test_json_is_the_whole_record(closed):
     entry = build_clip_entry(report, "walk.h5", "walk.html")
     record = json.loads(format_overview_json(Overview([entry, OVER, FAILED, UNJUDGED])))
     names = (
+        "baseline_name",
+        "sources",
         "clip",
         "binding",
         "summary",
@@ -165,6 +167,7 @@ def test_json_is_the_whole_record(closed):
         "notes": [],
     }
     assert record["schema"] == 1
+    assert record["gaps"] == []
     assert [entry["fault"] for entry in record["clips"]] == [None, None, "broken", None]
     assert record["clips"][1]["gates"][0]["passed"] is False
 

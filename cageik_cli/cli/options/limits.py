@@ -1,7 +1,7 @@
 """Options of every command that checks limits on its results."""
 
 from collections.abc import Callable
-from dataclasses import MISSING, dataclass
+from dataclasses import MISSING, dataclass, replace
 from decimal import Decimal
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -64,6 +64,20 @@ class LimitOptions:
         needs_message="{} needs a {}; give both, or neither",
         group=HelpGroup.LIMITS,
     )
+    allow_new: bool = declare_setting(
+        False,
+        "Accept clips that --baseline does not have.",
+        needs="baseline",
+        needs_message="{} needs a {}; give both, or neither",
+        group=HelpGroup.LIMITS,
+    )
+    allow_missing: bool = declare_setting(
+        False,
+        "Accept that clips of --baseline are not in the run.",
+        needs="baseline",
+        needs_message="{} needs a {}; give both, or neither",
+        group=HelpGroup.LIMITS,
+    )
 
     def load(self, load_baseline: "LoadBaseline | None" = None) -> "Limits":
         """Return the limits, with those of the baseline.
@@ -95,7 +109,8 @@ class LimitOptions:
             baseline = (load_baseline or read_baseline)(self.baseline, regression)
         except SettingError as error:
             raise click.UsageError(spell_error(error)) from error
-        return Limits(limits, baseline)
+        allowed = replace(baseline, allow_new=self.allow_new, allow_missing=self.allow_missing)
+        return Limits(limits, allowed)
 
 
 LIMIT_OPTIONS = OptionGroup("limits", LimitOptions, *list_options(LimitOptions))

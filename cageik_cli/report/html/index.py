@@ -36,8 +36,10 @@ def render_index(overview: Overview) -> str:
     return REPORT_TEMPLATES.render_page(
         "index.html.j2",
         total=len(overview.clips),
-        verdict=_make_batch_verdict(len(failed), over, poor, len(overview.clips)),
-        steps=describe_poor(done),
+        verdict=_make_batch_verdict(
+            len(failed), over, poor, len(overview.gaps), total=len(overview.clips)
+        ),
+        steps=[*(f"{gap.name}: {gap.text}" for gap in overview.gaps), *describe_poor(done)],
         notes=overview.notes,
         scale_end=f"{MAX_FAIR_DEVIATION:g}",
         counts=counts,
@@ -52,7 +54,9 @@ def render_index(overview: Overview) -> str:
     )
 
 
-def _make_batch_verdict(failed: int, over: int, poor: int, total: int) -> tuple[str, str]:
+def _make_batch_verdict(
+    failed: int, over: int, poor: int, gaps: int, *, total: int
+) -> tuple[str, str]:
     """Return the verdict on a batch: as `LimitCheck.state` or "warn", and in words."""
     parts = [
         f"{count} of {format_count(total, 'clip')} {what}"
@@ -63,8 +67,10 @@ def _make_batch_verdict(failed: int, over: int, poor: int, total: int) -> tuple[
         )
         if count
     ]
+    if gaps:
+        parts.append(f"{format_count(gaps, 'clip')} not in both run and baseline")
     if parts:
-        return "bad" if failed or over else "warn", ", ".join(parts)
+        return "bad" if failed or over or gaps else "warn", ", ".join(parts)
     return "good", f"All clips done, none over a limit, none {QUALITY_WORDS['poor']}"
 
 

@@ -10,7 +10,7 @@ from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, SubElement
 
 from cageik_cli.report.figures import REPORT_SCHEMA, ClipRecord, FrameRecord, ReportSummary
-from cageik_cli.report.limits import LimitCheck
+from cageik_cli.report.limits import Gap, LimitCheck
 from cageik_cli.report.overview import ClipEntry, Overview, describe_poor
 from cageik_cli.report.record import Report
 from cageik_cli.report.views.text import format_check_row
@@ -19,9 +19,13 @@ from cageik_cli.util.text import single_line
 from cageik_cli.util.version import __version__
 
 
-def format_json(reports: Sequence[Report]) -> str:
-    """Format the record as JSON, several records as a list; metrics not defined are null."""
-    records = [asdict(report) for report in reports]
+def format_json(reports: Sequence[Report], gaps: Sequence[Gap] = ()) -> str:
+    """Format the record as JSON, several records as a list; metrics not defined are null.
+
+    `gaps` of the run are in each record, if there are any.
+    """
+    shared = {"gaps": list(map(asdict, gaps))} if gaps else {}
+    records = [asdict(report) | shared for report in reports]
     return (
         json.dumps(
             records[0] if len(records) == 1 else records, indent=1, allow_nan=False, default=str
@@ -48,6 +52,7 @@ def format_overview_json(overview: Overview) -> str:
         "schema": REPORT_SCHEMA,
         "tool": {"name": "cageik", "version": __version__},
         "notes": overview.notes,
+        "gaps": list(map(asdict, overview.gaps)),
         "clips": [_collect_entry(entry) for entry in overview.clips],
     }
     return json.dumps(record, indent=1, allow_nan=False, default=str) + "\n"
@@ -57,7 +62,8 @@ def _collect_entry(entry: ClipEntry) -> dict[str, Any]:
     """Collect what the record of a batch has of a clip: parts of its report beside its files."""
     report = {} if entry.report is None else asdict(entry.report)
     own = {name: getattr(entry, name) for name in ("name", "fault", "result", "page")}
-    own |= {name: report.get(name) for name in ("clip", "binding", "summary")}
+    parts = ("baseline_name", "sources", "clip", "binding", "summary")
+    own |= {name: report.get(name) for name in parts}
     own["curve"] = None if entry.curve is None else asdict(entry.curve)
     own |= {name: report.get(name, ()) for name in ("gates", "notes")}
     return own | {name: report.get(name) for name in ("edited_from", "regions", "fit", "quality")}
@@ -81,15 +87,40 @@ def format_junit(overview: Overview) -> str:
     """Write JUnit XML: per clip a suite, with a case `extracted` or `edited` and one per limit.
 
     A failed clip is an error, an exceeded limit is a failure, and the limit of a metric that is not
-    defined is skipped. Notes are the suite's output. The elements and attributes are those that the
-    schema of Ant's JUnit task requires.
+    defined is skipped. Notes are the suite's output. Clips that the run or its baseline lacks are
+    failures of a suite of their own. The elements and attributes are those that the schema of Ant's
+    JUnit task requires.
     """
     root = Element("testsuites")
     for k, entry in enumerate(overview.clips):
         _add_suite(root, k, entry)
+    if overview.gaps:
+        _add_gaps(root, len(overview.clips), overview.gaps)
     ElementTree.indent(root, " ")
     head = '<?xml version="1.0" encoding="UTF-8"?>'
     return f"{head}\n{ElementTree.tostring(root, encoding='unicode')}\n"
+
+
+def _add_gaps(root: Element, number: int, gaps: Sequence[Gap]) -> None:
+    """Add a suite with a failed case for each clip that the run or the baseline lacks."""
+    counts = {"tests": len(gaps), "failures": len(gaps), "errors": 0, "skipped": 0}
+    suite = _start_suite(root, number, "baseline", counts)
+    for gap in gaps:
+        name = " ".join(single_line(gap.name).split()) or "unnamed"
+        case = SubElement(suite, "testcase", classname=name, name="in run and baseline", time="0")
+        _add_fault(case, "failure", single_line(gap.text))
+    SubElement(suite, "system-out")
+    SubElement(suite, "system-err")
+
+
+def _start_suite(root: Element, number: int, name: str, counts: dict[str, int]) -> Element:
+    attributes = {"name": name, "package": "", "id": str(number)}
+    attributes |= {key: str(count) for key, count in counts.items()}
+    # The schema requires a time and a host; the same input must give the same bytes.
+    fixed = {"timestamp": "1970-01-01T00:00:00", "hostname": "localhost", "time": "0"}
+    suite = SubElement(root, "testsuite", attributes | fixed)
+    SubElement(suite, "properties")
+    return suite
 
 
 def _add_suite(root: Element, number: int, entry: ClipEntry) -> None:
@@ -102,12 +133,7 @@ def _add_suite(root: Element, number: int, entry: ClipEntry) -> None:
         "errors": int(entry.has_failed),
         "skipped": verdicts.count(None),
     }
-    attributes = {"name": name, "package": "", "id": str(number)}
-    attributes |= {key: str(count) for key, count in counts.items()}
-    # The schema requires a time and a host; the same input must give the same bytes.
-    fixed = {"timestamp": "1970-01-01T00:00:00", "hostname": "localhost", "time": "0"}
-    suite = SubElement(root, "testsuite", attributes | fixed)
-    SubElement(suite, "properties")
+    suite = _start_suite(root, number, name, counts)
     done = SubElement(suite, "testcase", classname=name, name=words.done, time="0")
     if entry.fault is not None:
         _add_fault(done, "error", single_line(entry.fault))

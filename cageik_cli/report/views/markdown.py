@@ -29,8 +29,12 @@ def format_markdown(overview: Overview) -> str:
     reports = [(one, one.report) for one in clips if one.report]
     parts = {
         "Failed": (9_500, [_make_item(one, one.fault) for one in clips if one.has_failed]),
+        "Not in both run and baseline": (
+            3_000,
+            [f"- {_escape_markdown(f'{gap.name}: {gap.text}')}" for gap in overview.gaps],
+        ),
         "Over a limit": (
-            9_500,
+            6_500,
             [_make_item(one, format_check_row(check, one.vocabulary)[1]) for one, check in over],
         ),
         QUALITY_WORDS["poor"].capitalize(): (

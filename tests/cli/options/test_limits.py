@@ -218,7 +218,7 @@ def test_an_earlier_run_is_a_limit(run, result):
         outcome = run(*words, "-v", "--baseline", "old.json", "--max-regression", "0")
         assert outcome.code == 0
         assert (outcome.out + outcome.err).count("  within limit   ") == 4
-    Path("half.json").write_text(halved(result, "another.h5"))
+    Path("half.json").write_text(halved(result, "renamed.h5"))
     for words in (EXTRACT, ("report",)):
         outcome = run(*words, "-v", "--baseline", "half.json")
         assert outcome.code == 3
@@ -235,9 +235,9 @@ def test_several_results_are_compared_by_name(run, result):
     first, second = outcome.out.split("\n\n")
     assert first.count("over limit") == 4
     assert "limit" not in second
-    notes = [line for line in second.splitlines() if line.startswith("  note ")]
-    assert any("half.json has no result named other.h5" in note for note in notes)
-    assert run("report", "other.h5", "--baseline", "half.json").code == 3
+    assert "  note           not compared with the baseline: half.json has no such clip" in second
+    assert outcome.err == "other.h5: not in the baseline half.json (--allow-new accepts this)\n"
+    assert run("report", "other.h5", "--baseline", "half.json").code == 3  # by its frames
 
 
 def test_the_default_regression_is_ten_percent(run, result):
