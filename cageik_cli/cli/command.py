@@ -14,6 +14,9 @@ MAX_HELP_LINES = 45
 """Lines of a help that shows all options; a longer one describes the first group, and names the
 others."""
 
+BLANK_VALUE = "given a value without any letter; give one, or leave it out"
+"""What a message says of an option, typed or from a file."""
+
 
 class GroupedOption(click.Option):
     """An option that stands in a group of the help.
@@ -82,8 +85,7 @@ class GroupedCommand(click.Command):
             held = values.get(str(param.name))
             words = held if isinstance(held, list | tuple) else [held]
             if any(isinstance(word, str) and not word.strip() for word in words):
-                message = "given a value without any letter; give one, or leave it out"
-                raise click.UsageError(f"{spell_param(param)}: {message}", ctx)
+                raise click.UsageError(f"{spell_param(param)}: {BLANK_VALUE}", ctx)
         counts = Counter(param for param in typed if _takes_one_value(param))
         for param, count in counts.items():
             if count > 1:

@@ -15,6 +15,7 @@ import os
 import re
 import tomllib
 from collections.abc import Iterable, Iterator, Sequence
+from contextlib import suppress
 from difflib import get_close_matches
 from fnmatch import fnmatch
 from pathlib import Path
@@ -22,8 +23,8 @@ from typing import Any
 
 import click
 
-from cageik_cli.cli.command import GroupedOption, spell_param
-from cageik_cli.util.errors import FileAccessError, FormatError
+from cageik_cli.cli.command import BLANK_VALUE, GroupedOption, spell_param
+from cageik_cli.util.errors import FileAccessError, FormatError, SettingError
 from cageik_cli.util.files import read_input
 from cageik_cli.util.settings import Setting
 
@@ -79,6 +80,9 @@ def parse_options(path: Path, title: str, table: Any, command: click.Command) ->
                 f"{path}: {name_table(title)} has no option {key}; {_suggest_option(key, options)}"
             )
         values = value if option.multiple and isinstance(value, list) else [value]
+        parts = value if isinstance(value, list) else [value]
+        if any(isinstance(one, str) and not one.strip() for one in parts):
+            raise click.BadParameter(f"{path}: {key}: {BLANK_VALUE}")
         if not all(_is_value_for(option, one) for one in values):
             raise click.BadParameter(f"{path}: {key} = {value!r} is not a value of --{key}")
         chosen[str(option.name)] = values if option.multiple else value
@@ -177,7 +181,8 @@ class ClipTables:
     def find_auxiliary_files(self, folder: Path) -> set[Path]:
         """Return every file that a table names for clips of this folder.
 
-        A file of options that cannot be read is skipped here; its clips report the error.
+        A file of options that cannot be read is skipped here, and so is a name that means nothing;
+        the clips report the error.
         """
         from cageik_cli.formats.find_files import Source
 
@@ -190,12 +195,15 @@ class ClipTables:
                 ]
             except click.UsageError:
                 continue
-            files.update(
-                Source.parse(value).file.resolve()
+            named = [
+                value
                 for table in tables
                 for name, value in table.items()
                 if is_auxiliary_path(self._command, name, value)
-            )
+            ]
+            for value in named:
+                with suppress(SettingError):
+                    files.add(Source.parse(value).file.resolve())
         return files
 
     def _config_files(self, folder: Path) -> Iterator[Path]:

@@ -80,7 +80,13 @@ class Source:
 
     @staticmethod
     def parse(name: "str | Path | Source") -> "Source":
-        """Return what a name means: a file that is spelt with `::` is one."""
+        """Return what a name means: a file that is spelt with `::` is one.
+
+        Raises
+        ------
+        SettingError
+            When nothing but blanks stands between the file's `::` and the next, or the end.
+        """
         if isinstance(name, Source):
             return name
         if "::" not in str(name) or Path(name).exists():
@@ -88,7 +94,13 @@ class Source:
         words = str(name).split("::")
         stops = range(len(words) - 1, 0, -1)
         stop = next((k for k in stops if Path("::".join(words[:k])).exists()), 1)
-        return Source(Path("::".join(words[:stop])), "::".join(words[stop:]))
+        file = Path("::".join(words[:stop]))
+        if not words[stop].strip():
+            raise SettingError(
+                f"{file}: given `::` without a name behind it; name what to read, as in "
+                "FILE::NAME, or leave out `::`"
+            )
+        return Source(file, "::".join(words[stop:]))
 
     def __str__(self) -> str:
         """Return it as it is typed."""
