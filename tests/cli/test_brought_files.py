@@ -142,6 +142,33 @@ def write_variables():
     return "outer.usda"
 
 
+def write_teapots():
+    """Two instances on the graphics processor, whose mesh is in the file once."""
+    file = Built()
+    attributes = {"POSITION": file.array(BOX.vertices)}
+    primitive = {"attributes": attributes, "indices": file.array(BOX.faces.ravel(), "H")}
+    places = file.array([[0, 0, 0], [5, 0, 0]])
+    held = {"EXT_mesh_gpu_instancing": {"attributes": {"TRANSLATION": places}}}
+    file.add("nodes", {"mesh": file.add("meshes", {"primitives": [primitive]}), "extensions": held})
+    return file.save(Path("teapots.glb"))
+
+
+def write_reference(kind):
+    """A layer that draws a file in which is not there."""
+
+    def write():
+        Path("shot.usda").write_text(
+            {
+                "reference": '#usda 1.0\ndef "man" ( references = @./gone/man.usd@ ) {}\n',
+                "payload": '#usda 1.0\ndef "man" ( payload = @./gone/man.usd@ ) {}\n',
+                "sublayer": "#usda 1.0\n( subLayers = [@./gone/man.usd@] )\n",
+            }[kind]
+        )
+        return "shot.usda"
+
+    return write
+
+
 def write_curves():
     scene = UsdScene(Path())
     UsdGeom.BasisCurves.Define(scene.stage, "/hair")
@@ -220,6 +247,7 @@ RIGHT = {
         ["texture coordinates", "24 values of its surface are stated as kConstantScope"],
     ),
     "variables of a stronger layer": (write_variables, ["4, outer.usda[1] to outer.usda[4]"]),
+    "instances of a glTF file": (write_teapots, ["16", "/node_0/instance_1"]),
     "strips of PLY": (text("strips.ply", make()), ["12 of 12 polygons"]),
     "lists of vertices of PLY": (
         text(
@@ -258,6 +286,14 @@ LODS = series(*(f"walk_{k:04d}{end}" for k in range(1, 7) for end in ("", "_lod1
 REFUSED = {
     "a stride beyond its view": (write_stride, "byteStride is 1"),
     "hair alone, as curves": (write_curves, "holds no mesh, but 1 BasisCurves (/hair)"),
+    **{
+        f"a missing {kind}": (write_reference(kind), "gone/man.usd")
+        for kind in ("reference", "payload", "sublayer")
+    },
+    "a pointer of Git LFS": (
+        text("man.glb", "version https://git-lfs.github.com/spec/v1\noid sha256:0\nsize 9\n"),
+        "man.glb: is a pointer of Git LFS",
+    ),
     "a placeholder alone": (write_nothing, "/placeholder: the mesh has no points"),
     "OFF of a point less": (text("a.off", off("OFF\n9 6 12\n")), "a.off: "),
 }
@@ -329,3 +365,19 @@ def test_a_model_that_is_split_at_its_edges_does_not_crack(
     for vertex in range(places):
         copies = found[:, corners == vertex]
         np.testing.assert_array_equal(copies, np.broadcast_to(copies[:, :1], copies.shape))
+
+
+def test_a_number_sign_is_a_character_of_a_name(run, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("shot#3").mkdir()
+    series("walk_1", "walk_2")()
+    write_box(Path("cage.obj"), BOX.move(1.6 * BOX.vertices))
+    result = "shot#3/cage#1.h5"
+    assert run("extract", "walk_1.obj", "walk_2.obj", "--cage", "cage.obj", "-o", result).code == 0
+    for name in ("shot#3/cage#1.usdc", "take#4/cage_##.obj"):
+        assert run("export", result, name).code == 0
+    assert run("deform", result, "-o", "moved#2.npz").code == 0
+    found = sorted(str(path) for folder in ("shot#3", "take#4") for path in Path(folder).iterdir())
+    assert found[:2] == ["shot#3/cage#1.h5", "shot#3/cage#1.usdc"]
+    assert found[2:] == ["take#4/cage_01.obj", "take#4/cage_02.obj"]
+    assert Path("moved#2.npz").is_file()
