@@ -465,6 +465,26 @@ def test_another_format_fits_nothing_again_and_is_written_the_same(run, folder, 
         assert Path(f"cached.{suffix}").read_bytes() == Path(f"cold.{suffix}").read_bytes()
 
 
+def test_a_rig_of_a_clip_with_seams_is_kept_with_its_welded_rows(
+    run, folder, animation, write_obj, monkeypatch
+):
+    """Each corner of the first faces is a vertex of its own."""
+    faces = animation.rest.faces.copy()
+    origins = np.concatenate([np.arange(18), faces[:6].ravel()])
+    faces[:6] = 18 + np.arange(18).reshape(6, 3)
+    for k, vertices in enumerate(animation.frames, start=1):
+        write_obj(Path(f"frames/frame_{k}.obj"), vertices[origins], faces)
+    assert run(*EXTRACT).code == 0
+    words = ("export", "cages.h5", "--skeleton", "--influences", 3)
+    for suffix in ("usdc", "glb"):
+        assert run(*words, f"cold.{suffix}", "--no-cache").code == 0
+    assert run(*words, "first.usdc", "--cache", "kept").code == 0
+    refuse_to_fit(monkeypatch)
+    for suffix in ("usdc", "glb"):
+        assert run(*words, f"cached.{suffix}", "--cache", "kept").code == 0
+        assert Path(f"cached.{suffix}").read_bytes() == Path(f"cold.{suffix}").read_bytes()
+
+
 def test_joints_that_are_not_held_are_posed_again_from_the_cache(run, folder, monkeypatch):
     assert run(*EXTRACT).code == 0
     words = ("export", "cages.h5", "--skeleton", "--influences", 3)
