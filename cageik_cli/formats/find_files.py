@@ -85,10 +85,12 @@ class Source:
         Raises
         ------
         SettingError
-            When nothing but blanks stands between the file's `::` and the next, or the end.
+            When the name is blank, or what stands between the file's `::` and the next, or the end.
         """
         if isinstance(name, Source):
             return name
+        if not str(name).strip():
+            raise SettingError("the name of an input is blank; name a file or a folder")
         if "::" not in str(name) or Path(name).exists():
             return Source(Path(name))
         words = str(name).split("::")

@@ -125,3 +125,10 @@ def test_nothing_behind_a_file_is_refused(kind, run, tmp_path, monkeypatch):
 def test_names_behind_later_marks_may_be_empty(run, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert run("info", f"{write_gltf(('a', 'b'))}::a::").code == 0
+
+
+@pytest.mark.parametrize("load", [load_mesh, lambda name: open_sequence([name])])
+def test_blank_names_are_refused_by_the_api(load):
+    for name in ("", " ", "\t"):
+        with pytest.raises(InputError, match="the name of an input is blank"):
+            load(name)
