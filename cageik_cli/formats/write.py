@@ -56,6 +56,9 @@ WriterFactory = Callable[[Path, Animation], AnimationWriter]
 PLACEHOLDER = "{part}"
 """Stands for the name of a part."""
 
+NO_NUMBERS = str.maketrans("/#%$", "____")
+"""What is replaced in the names of parts: `####`, `%04d` and `$F4` stand for numbers of frames."""
+
 
 @dataclass(frozen=True, slots=True)
 class Output:
@@ -426,8 +429,12 @@ def split_output(output: Output, mesh: TriMesh, name: str) -> list[Output]:
 
 
 def name_part_files(names: list[str]) -> list[str]:
-    """Return a name for the file of each part: short, safe on all systems, and all different."""
-    plain = [make_file_name(name.replace("/", "_")) for name in choose_short_names(names)]
+    """Return a name for the file of each part: short, safe on all systems, and all different.
+
+    None has a character that stands for the number of a frame.
+    """
+    short = (name.translate(NO_NUMBERS) for name in choose_short_names(names))
+    plain = [make_file_name(name) for name in short]
     folded = [name.casefold() for name in plain]
     unique = zip(plain, folded, number_names(folded), strict=True)
     return [name + numbered[len(fold) :] for name, fold, numbered in unique]

@@ -191,3 +191,17 @@ def test_names_of_files_are_short_safe_and_different_on_all_systems():
         "x_y",
     ]
     assert name_part_files(["/a/eye", "/b/eye"]) == ["a_eye", "b_eye"]
+
+
+MARKED = ["/a##b", "/c#", "/####", "/d%04d", "/$F4", "/e#1", "/ "]
+
+
+@pytest.mark.parametrize("pattern", ["{part}.npz", "{part}/m_####.obj", "k{part}/{part}_%02d.ply"])
+def test_marks_of_numbers_in_the_names_of_parts_stand_for_none(tmp_path, pattern):
+    model = join_meshes([box(0.1)] * len(MARKED), MARKED, [np.eye(4)] * len(MARKED))
+    moved = Animation(model, 2, Scene(), "hero")
+    frames = np.stack([model.vertices, model.vertices + 0.1])
+    write_animation(Output(tmp_path / pattern), moved, iter([frames]), ProgressListener())
+    files = [path for path in tmp_path.rglob("*") if path.is_file()]
+    assert len(files) == len(MARKED) * (1 if pattern.endswith("npz") else 2)
+    assert not any(mark in str(path.relative_to(tmp_path)) for path in files for mark in "#%$")
