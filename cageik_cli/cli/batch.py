@@ -159,7 +159,7 @@ SHARED_OPTIONS = OptionGroup(
 @option(
     "--dry-run",
     is_flag=True,
-    help="List what would be done, and change nothing; exit code 1 if a clip would fail.",
+    help="List what would be done; exit code 1 if a clip fails.",
 )
 @option(
     "--jobs",
