@@ -392,7 +392,7 @@ def suggest_step(result: Result, rms_percent: float, max_deviation_percent: floa
         more = Hint("vertices", count) if count > BuildSettings().vertices else ""
         place = ", without " + _name_cage_source(result) + ": a tighter cage is built"
         return Advice(_repeat(more, place))
-    helpful = [one for one in result.tried or () if one.has_helped]
+    helpful = [one for one in result.tried if one.has_helped]
     if helpful:
         best = min(helpful, key=lambda one: one.after_percent / one.before_percent)
         return Advice(_describe_step(best.step, result), best)
@@ -414,7 +414,7 @@ def _describe_step(step: Step, result: Result) -> Text:
 
 def find_tried(result: Result, step: Step) -> TriedStep | None:
     """Return how a step has gone that the run has tried; None if it has not."""
-    return next((one for one in result.tried or () if one.step == step), None)
+    return next((one for one in result.tried if one.step == step), None)
 
 
 def _has_smooth_errors(result: Result) -> bool:

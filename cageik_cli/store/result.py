@@ -202,9 +202,8 @@ class Result(StoredAnimation):
         The error of the best possible cage animation of the clip.
     filled : tuple of int
         Skipped frames whose cages were filled from those around them.
-    tried : tuple of TriedStep, optional
+    tried : tuple of TriedStep
         What was tried on some frames, and how much it helped; nothing where the error is small.
-        None if the result was written by a version that tried nothing.
     hidden : HiddenErrors, optional
         Errors of vertices that were hidden on purpose; None if none are missing.
 
@@ -231,10 +230,10 @@ class Result(StoredAnimation):
         export="bound",
     )
     filled: tuple[int, ...] = declare_field(
-        result_fields.read_filled, write=result_fields.write_filled, default=()
+        result_fields.read_filled, write=result_fields.write_list, default=()
     )
-    tried: tuple[TriedStep, ...] | None = declare_field(
-        lambda file, _: read_tried_steps(file), default=None
+    tried: tuple[TriedStep, ...] = declare_field(
+        lambda file, _: read_tried_steps(file), write=result_fields.write_list, default=()
     )
     hidden: HiddenErrors | None = declare_field(
         lambda file, _: read_hidden_errors(file), default=None, export="hidden"

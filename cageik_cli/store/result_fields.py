@@ -191,9 +191,9 @@ def _make_region_error(fault: str) -> FormatError:
     return FormatError(f"attribute `regions` {fault}; extract it again")
 
 
-def write_filled(file: h5py.File, name: str, filled: tuple[int, ...]) -> None:
-    """Write which skipped frames were filled, if any were."""
-    write_json(file, name, filled or None)
+def write_list(file: h5py.File, name: str, values: tuple[Any, ...]) -> None:
+    """Write a list that is left out where it is empty."""
+    write_json(file, name, values or None)
 
 
 def read_filled(file: h5py.File, sizes: ClipSizes) -> tuple[int, ...]:

@@ -78,10 +78,10 @@ def read_hidden_errors(file: h5py.File) -> HiddenErrors | None:
     return found
 
 
-def read_tried_steps(file: h5py.File) -> tuple[TriedStep, ...] | None:
-    """Read the steps that were tried; None if the result was written by a version that did not."""
+def read_tried_steps(file: h5py.File) -> tuple[TriedStep, ...]:
+    """Read the steps that were tried; none if the result does not say."""
     if "tried" not in file.attrs:
-        return None
+        return ()
     held = read_json_attr(file, "tried", list)
     found: tuple[TriedStep, ...] = parse_record(tuple[TriedStep, ...], held, "tried")
     for one in found:

@@ -66,7 +66,7 @@ def test_a_fit_is_advised_where_it_was_tried_and_helped(closed):
     )
 
 
-@pytest.mark.parametrize("tried", [None, ()])
+@pytest.mark.parametrize("tried", [()])
 def test_nothing_is_advised_that_was_not_tried_and_may_hurt(closed, tried):
     assert suggest_step(replace(closed.result, tried=tried), 5.0, 20.0) is None
 
@@ -95,7 +95,7 @@ def test_a_built_cage_is_advised_where_the_given_one_is_far_too_loose(closed, sm
     assert suggest_step(built, 1.0, 5.0).step == FIT
     noisy = try_step(loose, Step.ROBUST)  # weights are not fitted to outliers by default
     assert "robust" in str(suggest_step(noisy, 1.0, 5.0).step)
-    assert suggest_step(replace(loose, tried=None), 1.0, 5.0) is None
+    assert suggest_step(replace(loose, tried=()), 1.0, 5.0) is None
 
 
 def test_nothing_is_advised_for_an_error_that_is_not_seen(closed):

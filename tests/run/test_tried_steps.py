@@ -3,6 +3,7 @@
 from dataclasses import replace
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 
@@ -10,6 +11,7 @@ from cageik_cli.method.solve.settings import SolveSettings
 from cageik_cli.run import tried_steps
 from cageik_cli.run.extraction import extract
 from cageik_cli.run.settings import ExtractSettings
+from cageik_cli.store.result import read_result
 from cageik_cli.store.tried_steps import Step
 from tests.corruptions import corrupt
 from tests.shapes import TETRAHEDRON, ball, moved
@@ -44,6 +46,16 @@ def test_a_fit_is_tried_on_a_clean_clip_and_outliers_are_rejected_on_another(set
     assert list_tried(thrown) == [Step.ROBUST, Step.ROBUST_FIT]
     assert list_tried(thrown, fit=True) == [Step.ROBUST]
     assert list_tried(thrown, capture=replace(thrown.capture, robust=True)) == []
+
+
+def test_a_result_says_what_was_tried_only_if_something_was(settings):
+    """Old results do not say so either."""
+    for changes, is_said in (({"fit": True}, False), ({}, True)):
+        result = extract(replace(settings, overwrite=True, **changes))
+        with h5py.File(settings.output) as file:
+            assert ("tried" in file.attrs) == is_said
+        assert read_result(settings.output).tried == result.tried
+        assert bool(result.tried) == is_said
 
 
 def test_what_the_same_command_refuses_is_not_tried(settings):
