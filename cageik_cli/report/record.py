@@ -187,7 +187,7 @@ def build_report(
 def _judge(result: Result, summary: ReportSummary, spelling: Spelling) -> dict[str, Any]:
     """Return the fields of a report on how well frames were followed, and what would help."""
     kept = _build_kept(result)
-    errors = judge_errors(summary if kept is None else kept, result.hidden)
+    errors = judge_errors(summary, kept, result.hidden)
     better = suggest_step(result, *errors)
     return {
         "regions": build_regions(result),
@@ -201,15 +201,20 @@ def _judge(result: Result, summary: ReportSummary, spelling: Spelling) -> dict[s
 
 
 def judge_errors(
-    counted: ReportSummary | KeptSummary, hidden: HiddenErrors | None
+    summary: ReportSummary, kept: KeptSummary | None, hidden: HiddenErrors | None
 ) -> tuple[float, float]:
     """Return the rms and the largest error that the word on a result is of, in percent.
 
     Missing vertices count as those do that were hidden on purpose. If none were, and many are
-    missing, nothing is known to be good.
+    missing, nothing is known to be good. Nor is it if data was rejected that may be motion, which
+    the cage does not follow: all data has another word then than what was kept.
     """
+    counted = summary if kept is None else kept
     rms, largest = counted.rms_percent, counted.max_deviation_percent
-    missing = counted.missing_percent / 100 if isinstance(counted, KeptSummary) else 0.0
+    missing = 0.0 if kept is None else kept.missing_percent / 100
+    everything = summary.rms_percent, summary.max_deviation_percent
+    if judge_quality(*everything) != judge_quality(rms, largest):
+        rms = max(rms, MAX_FAIR_RMS)
     if hidden is not None:
         both = np.sqrt((1 - missing) * rms**2 + missing * hidden.rms_percent**2)
         return float(both), max(largest, hidden.largest_percent)

@@ -66,9 +66,8 @@ def test_a_fit_is_advised_where_it_was_tried_and_helped(closed):
     )
 
 
-@pytest.mark.parametrize("tried", [()])
-def test_nothing_is_advised_that_was_not_tried_and_may_hurt(closed, tried):
-    assert suggest_step(replace(closed.result, tried=tried), 5.0, 20.0) is None
+def test_nothing_is_advised_that_was_not_tried_and_may_hurt(closed):
+    assert suggest_step(replace(closed.result, tried=()), 5.0, 20.0) is None
 
 
 def test_of_two_steps_the_one_that_gains_more_is_advised(closed):
@@ -170,8 +169,15 @@ def test_warnings_come_first_then_notes_on_the_result_then_those_on_files(closed
     assert len(found) > 2
 
 
-def make_kept(missing):
-    return KeptSummary(0.1, 1.0, missing, 1, "a", 0.0, 0, "a")
+def make_kept(missing, rms=0.1, largest=1.0, rejected=0.0):
+    return KeptSummary(rms, largest, missing, 1, "a", rejected, 0, "a")
+
+
+def judge(closed, everything, kept, hidden=None):
+    rms, largest = everything
+    summary = build_report(closed.result).summary
+    summary = replace(summary, rms_percent=rms, max_deviation_percent=largest)
+    return judge_quality(*judge_errors(summary, kept, hidden))
 
 
 @pytest.mark.parametrize(
@@ -185,8 +191,31 @@ def make_kept(missing):
         (20.0, HiddenErrors(3.0, 5.0, 9), "poor"),
     ],
 )
-def test_what_is_missing_counts_in_the_word_as_what_was_hidden(missing, hidden, word):
-    assert judge_quality(*judge_errors(make_kept(missing), hidden)) == word
+def test_what_is_missing_counts_in_the_word_as_what_was_hidden(closed, missing, hidden, word):
+    assert judge(closed, (0.1, 1.0), make_kept(missing), hidden) == word
+
+
+@pytest.mark.parametrize(
+    ("everything", "kept", "word"),
+    [
+        ((0.2, 2.0), (0.1, 1.0), "good"),
+        ((0.2, 4.0), (0.1, 1.0), "fair"),  # one limb that the cage does not follow
+        ((3.0, 50.0), (0.1, 1.0), "fair"),  # vertices that were thrown
+        ((0.6, 12.0), (0.4, 4.0), "fair"),
+        ((3.0, 50.0), (0.4, 8.0), "poor"),
+    ],
+)
+def test_rejected_data_makes_a_result_fair_at_best_where_it_would_change_the_word(
+    closed, everything, kept, word
+):
+    assert judge(closed, everything, make_kept(0.0, *kept, rejected=1.0)) == word
+    hidden = HiddenErrors(0.1, 1.0, 9)
+    assert judge(closed, everything, make_kept(20.0, *kept, rejected=1.0), hidden) == word
+
+
+def test_a_result_is_judged_by_all_data_if_none_was_rejected(closed):
+    assert judge(closed, (0.2, 2.0), None) == "good"
+    assert judge(closed, (0.2, 8.0), None) == "poor"
 
 
 def test_the_error_of_hidden_data_is_said(closed):
