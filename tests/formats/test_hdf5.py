@@ -150,7 +150,7 @@ def test_a_clip_is_chosen_by_its_name(bodies):
         ("::50002_hip", "no clip `50002_hip`; the nearest names are 50002_hips, 50004_hips, 500"),
         ("::betas", "holds no clip `betas`; the nearest names are "),
         ("::about/more", "holds no clip `about/more`"),
-        ("::", "holds no clip ``; the nearest names are "),
+        ("::", "given `::` without a name behind it"),
     ],
 )
 def test_no_name_or_a_wrong_one_is_refused_with_names(bodies, member, says):
