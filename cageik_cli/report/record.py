@@ -213,14 +213,13 @@ def judge_errors(
     rms, largest = counted.rms_percent, counted.max_deviation_percent
     missing = 0.0 if kept is None else kept.missing_percent / 100
     everything = summary.rms_percent, summary.max_deviation_percent
-    if judge_quality(*everything) != judge_quality(rms, largest):
-        rms = max(rms, MAX_FAIR_RMS)
+    is_known = judge_quality(*everything) == judge_quality(rms, largest)
     if hidden is not None:
-        both = np.sqrt((1 - missing) * rms**2 + missing * hidden.rms_percent**2)
-        return float(both), max(largest, hidden.largest_percent)
-    if 100 * missing > MAX_UNKNOWN_PERCENT:
-        return max(rms, MAX_FAIR_RMS), largest
-    return rms, largest
+        rms = float(np.sqrt((1 - missing) * rms**2 + missing * hidden.rms_percent**2))
+        largest = max(largest, hidden.largest_percent)
+    elif 100 * missing > MAX_UNKNOWN_PERCENT:
+        is_known = False
+    return rms if is_known else max(rms, MAX_FAIR_RMS), largest
 
 
 def _build_frames(result: StoredAnimation, spelling: Spelling) -> tuple[FrameRecord, ...]:

@@ -213,6 +213,12 @@ def test_rejected_data_makes_a_result_fair_at_best_where_it_would_change_the_wor
     assert judge(closed, everything, make_kept(20.0, *kept, rejected=1.0), hidden) == word
 
 
+def test_little_that_is_kept_does_not_hide_what_was_rejected(closed):
+    """However much is missing, and however well what was hidden is met."""
+    kept = make_kept(95.0, 0.1, 1.0, rejected=1.0)
+    assert judge(closed, (3.0, 50.0), kept, HiddenErrors(0.01, 0.1, 9)) == "fair"
+
+
 def test_a_result_is_judged_by_all_data_if_none_was_rejected(closed):
     assert judge(closed, (0.2, 2.0), None) == "good"
     assert judge(closed, (0.2, 8.0), None) == "poor"
