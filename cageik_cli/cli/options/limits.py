@@ -61,21 +61,18 @@ class LimitOptions:
         kind="limit",
         unset="10%",
         needs="baseline",
-        needs_message="{} needs a {}; give both, or neither",
         group=HelpGroup.LIMITS,
     )
     allow_new: bool = declare_setting(
         False,
         "Accept clips that --baseline does not have.",
         needs="baseline",
-        needs_message="{} needs a {}; give both, or neither",
         group=HelpGroup.LIMITS,
     )
     allow_missing: bool = declare_setting(
         False,
         "Accept that clips of --baseline are not in the run.",
         needs="baseline",
-        needs_message="{} needs a {}; give both, or neither",
         group=HelpGroup.LIMITS,
     )
 

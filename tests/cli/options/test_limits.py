@@ -369,4 +369,4 @@ def test_a_baseline_may_stand_beside_the_clips_of_a_batch(folder, run):
     words = ("batch", "frames", "-o", "out", "--cage", "cage.obj", "--max-regression", "3%")
     outcome = run(*words, "--dry-run")
     assert "none.json" in outcome.err
-    assert "needs a --baseline" not in outcome.err
+    assert "needs --baseline" not in outcome.err
