@@ -123,7 +123,7 @@ def find_mirror(vertices: Floats, tolerance: float = PAIR_TOL) -> Mirror | None:
     tolerance : float
         Above 0; as of `Mirror.find_pairs`.
     """
-    if len(np.unique(vertices, axis=0)) < len(vertices):
+    if len(vertices) < 2 or len(np.unique(vertices, axis=0)) < len(vertices):
         return None  # two at one place have the same partner
     centre, diagonal = vertices.mean(axis=0), float(np.linalg.norm(np.ptp(vertices, axis=0)))
     reach = tolerance * diagonal

@@ -226,3 +226,9 @@ def test_pairs_of_thin_noisy_points_are_pairs(thickness):
         partners = Mirror([1, 0, 0], points.mean(axis=0)).find_pairs(points)
         assert partners is not None
         assert are_pairs(points, partners)
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("count", [0, 1])
+def test_one_vertex_has_no_plane(count):
+    assert find_mirror(np.zeros((count, 3))) is None

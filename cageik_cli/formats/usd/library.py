@@ -81,13 +81,13 @@ class _Variables:
     """
 
     def __init__(self, values: dict[str, Any]) -> None:
-        self._values, self._key = values, repr(sorted(values.items()))
+        self._values, self.key = values, repr(sorted(values.items()))
 
     def __eq__(self, other: object) -> bool:
-        return isinstance(other, _Variables) and self._key == other._key
+        return isinstance(other, _Variables) and self.key == other.key
 
     def __hash__(self) -> int:
-        return hash(self._key)
+        return hash(self.key)
 
     def enter(self, layer: Any) -> "_Variables":
         """Return those of the stack whose root is a layer that a layer with these refers to."""
@@ -142,7 +142,7 @@ def check_layers(path: Path) -> list[Any]:
         named |= {file for file, _, _ in composed}
         _check_named(named - checked)
         checked |= named
-        waiting += sorted(composed - seen, key=lambda one: one[0])
+        waiting += sorted(composed - seen, key=lambda one: (one[0], one[1].key, one[2]))
         seen |= composed
         if len(seen) > MAX_LAYERS:
             raise FormatError(f"is composed of more than {MAX_LAYERS} layers; export it as one")
