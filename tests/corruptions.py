@@ -92,6 +92,21 @@ def add_jitter(frames, rng):
     return spoilt
 
 
+def tear_pieces(frames, rng):
+    """Displace 5 % of the vertices in one piece, by 4 % of the diagonal, for 1 to 3 frames each."""
+    spoilt, count = frames.copy(), round(0.05 * frames.shape[1])
+    left = 0
+    for frame in spoilt:
+        if not left:
+            left = rng.integers(1, 4)
+            place = frames[0][rng.integers(len(frame))]
+            _, piece = cKDTree(frames[0]).query(place, count)
+        way = rng.standard_normal(3)
+        frame[piece] += 0.04 * diagonal_of(frames) * way / np.linalg.norm(way)
+        left -= 1
+    return spoilt
+
+
 def spoil_all(frames, rng):
     """Everything at once; the first frame, whose diagonal lengths are in, stays clean."""
     first = frames[0]
@@ -104,6 +119,7 @@ def spoil_all(frames, rng):
 CORRUPTIONS = (
     Corruption("noise", add_noise),
     Corruption("patches", add_patches),
+    Corruption("tears", tear_pieces),
     Corruption("outliers", throw_outliers),
     Corruption("missing", hide_pieces),
     Corruption("lost", lose_frames),

@@ -211,14 +211,25 @@ def _note_few_vertices(result: Result) -> Iterator[Said]:
 
 def _note_rejection(result: Result) -> Iterator[Said]:
     """Say that the input has outliers, and what rejecting them gains, if that has helped."""
-    tried = find_tried(result, Step.ROBUST)
-    if tried is not None and tried.has_helped:
-        yield (
-            "single vertices of the input are outliers among their neighbours; without them, the "
-            f"error of the others is {format_percent(tried.after_percent)} % in place of "
-            f"{format_percent(tried.before_percent)} % in {tried.frames} frames; "
-            + say("reject them by `robust=True`")
-        )
+    for step, found, what in (
+        (Step.ROBUST, "single vertices of the input are outliers among their neighbours", "them"),
+        (Step.TORN, "pieces of the input jump apart from the surface around them", "what is torn"),
+    ):
+        tried = find_tried(result, step)
+        if tried is None:
+            continue
+        if tried.has_helped:
+            yield (
+                f"{found}; without {what}, the "
+                f"error of the others is {format_percent(tried.after_percent)} % in place of "
+                f"{format_percent(tried.before_percent)} % in {tried.frames} frames; "
+                + say("reject them by `robust=True`")
+            )
+        elif step == Step.TORN:
+            yield (
+                f"{found}, in most frames; errors are measured to them, and how far off the model "
+                "is itself is not known: mend the input"
+            )
 
 
 def _note_spikes(result: Result) -> Iterator[Said]:
@@ -383,7 +394,7 @@ def suggest_step(result: Result, rms_percent: float, max_deviation_percent: floa
         return None
     # Weights of a cage that is built are fitted, unless the input has outliers.
     is_fitted = result.fit is not None or find_tried(result, Step.FIT) is not None
-    is_clean = find_tried(result, Step.ROBUST) is None
+    is_clean = not any(find_tried(result, step) for step in (Step.ROBUST, Step.TORN))
     can_build = is_fitted and is_clean and _has_smooth_errors(result)
     region, is_built = result.worst_region, _has_built_cage(result)
     is_loose = region is not None and region.cause == Cause.LOOSE_CAGE
@@ -401,7 +412,7 @@ def suggest_step(result: Result, rms_percent: float, max_deviation_percent: floa
 
 def _describe_step(step: Step, result: Result) -> Text:
     """Say how to take a step that was tried."""
-    if step == Step.ROBUST:
+    if step in (Step.ROBUST, Step.TORN):
         return _repeat(say("`robust=True`"))
     if step == Step.ROBUST_FIT:
         return _repeat(say("`robust=True` `fit=True`"))

@@ -27,7 +27,13 @@ from cageik_cli.report.fit_rows import (
     measure_gap_closed,
 )
 from cageik_cli.report.limits import LimitCheck, Limits, check_limits, find_frames_digest
-from cageik_cli.report.notes import MAX_FAIR_RMS, judge_quality, list_notes, suggest_step
+from cageik_cli.report.notes import (
+    MAX_FAIR_RMS,
+    find_tried,
+    judge_quality,
+    list_notes,
+    suggest_step,
+)
 from cageik_cli.report.regions import (
     PartRecord,
     RegionRecord,
@@ -43,7 +49,7 @@ from cageik_cli.report.vocabulary import (
 )
 from cageik_cli.store.result import Result, StoredAnimation
 from cageik_cli.store.result_fields import export_fields
-from cageik_cli.store.tried_steps import HiddenErrors, TriedStep
+from cageik_cli.store.tried_steps import HiddenErrors, Step, TriedStep
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.messages import Note, Spelling, spell, spell_keyword
 from cageik_cli.util.text import to_unicode
@@ -187,7 +193,8 @@ def build_report(
 def _judge(result: Result, summary: ReportSummary, spelling: Spelling) -> dict[str, Any]:
     """Return the fields of a report on how well frames were followed, and what would help."""
     kept = _build_kept(result)
-    errors = judge_errors(summary, kept, result.hidden)
+    is_torn = find_tried(result, Step.TORN) is not None
+    errors = judge_errors(summary, kept, result.hidden, is_torn=is_torn)
     better = suggest_step(result, *errors)
     return {
         "regions": build_regions(result),
@@ -201,19 +208,24 @@ def _judge(result: Result, summary: ReportSummary, spelling: Spelling) -> dict[s
 
 
 def judge_errors(
-    summary: ReportSummary, kept: KeptSummary | None, hidden: HiddenErrors | None
+    summary: ReportSummary,
+    kept: KeptSummary | None,
+    hidden: HiddenErrors | None,
+    *,
+    is_torn: bool = False,
 ) -> tuple[float, float]:
     """Return the rms and the largest error that the word on a result is of, in percent.
 
     Missing vertices count as those do that were hidden on purpose. If none were, and many are
     missing, nothing is known to be good. Nor is it if data was rejected that may be motion, which
-    the cage does not follow: all data has another word then than what was kept.
+    the cage does not follow: all data has another word then than what was kept. Nor if the input
+    is torn.
     """
     counted = summary if kept is None else kept
     rms, largest = counted.rms_percent, counted.max_deviation_percent
     missing = 0.0 if kept is None else kept.missing_percent / 100
     everything = summary.rms_percent, summary.max_deviation_percent
-    is_known = judge_quality(*everything) == judge_quality(rms, largest)
+    is_known = not is_torn and judge_quality(*everything) == judge_quality(rms, largest)
     if hidden is not None:
         rms = float(np.sqrt((1 - missing) * rms**2 + missing * hidden.rms_percent**2))
         largest = max(largest, hidden.largest_percent)

@@ -12,6 +12,8 @@ do not depend on the number of threads.
 - Outliers are rejected where the input has some, whatever the reconstruction misses: rejecting what
   the cage cannot follow would make it follow less. Errors are measured to where the neighbours tell
   that outliers should be. A fit alone would follow them; it is tried with their rejection.
+- The same where pieces of the surface jump by themselves; nothing tells where these should be, so
+  errors are measured of what is kept, and no fit is tried, which would follow them.
 """
 
 from collections.abc import Iterator, Sequence
@@ -21,14 +23,19 @@ from typing import Literal
 import numpy as np
 
 from cageik_cli.captured.frames import CapturedBlockSolver, complete_frames, measure_tolerances
-from cageik_cli.captured.robust import RobustSolver, average_neighbours, find_outlier_vertices
+from cageik_cli.captured.robust import (
+    RobustSolver,
+    average_neighbours,
+    find_outlier_vertices,
+    is_often_torn,
+)
 from cageik_cli.captured.settings import AUTO_SMOOTHING, CaptureSettings
 from cageik_cli.fit.settings import DEFAULT_STRENGTH, FitSettings
 from cageik_cli.formats.base.sequence import MeshSequence, as_sequence
 from cageik_cli.geometry.frames import Block
 from cageik_cli.inputs.clip import VertexWeights
 from cageik_cli.method.solve.blocks import BlockSolver, SolvedBlock
-from cageik_cli.method.solve.dual_laplacian import DualLaplacianSolver
+from cageik_cli.method.solve.dual_laplacian import DualLaplacianSolver, Solution
 from cageik_cli.method.solve.settings import SolveSettings
 from cageik_cli.method.solve.summary import ClipSummary
 from cageik_cli.method.weights.binding import Binding, reconstruct_frames
@@ -116,7 +123,15 @@ class StepTrials:
             outliers = self._find_outliers(spread)
             if any(is_outlier.any() for is_outlier in outliers.values()):
                 return tuple(self._try_robust(spread, outliers))
+            if self._is_torn(spread):
+                return tuple(self._try_robust(spread, outliers, is_torn=True))
             return tuple(self._try_fit(spread))
+
+    def _is_torn(self, spread: Sequence[int]) -> bool:
+        """Return whether pieces of the input jump from frames to those after them."""
+        read, known = self._sequence.read_frame, set(self._known.tolist())
+        pairs = ((read(k), read(k + 1)) for k in spread if k + 1 in known)
+        return is_often_torn(self._binding.rest, pairs)
 
     def _find_outliers(self, spread: Sequence[int]) -> dict[int, Mask]:
         """Find the outliers of the input, (m,), in some frames, and where vertices deviate most.
@@ -242,10 +257,13 @@ class StepTrials:
         frames = int(is_counted.any(axis=1).sum())
         return HiddenErrors(rms, float(hidden.max()), frames), rest
 
-    def _try_robust(self, spread: Sequence[int], outliers: dict[int, Mask]) -> Iterator[TriedStep]:
+    def _try_robust(
+        self, spread: Sequence[int], outliers: dict[int, Mask], *, is_torn: bool = False
+    ) -> Iterator[TriedStep]:
         """Reject outliers, with the weights that such a run has, and with fitted ones.
 
-        Cages are of least squares then. Weights that are fitted by default are not.
+        Cages are of least squares then. Weights that are fitted by default are not. Of a surface
+        that is torn, errors are those of what is kept, and weights are not fitted.
         """
         if not self._rejects_outliers:
             return
@@ -257,17 +275,21 @@ class StepTrials:
         frames += [k for k in spread if k not in frames][:: MAX_TRIED_FRAMES // len(frames)]
         robust = self._make_robust(unfitted or stored.binding, plain, frames)
         solved = {k: self._solve(robust, k) for k in frames}
-        truth = {k: self._restore(*solved[k], outliers[k]) for k in frames}
+        rebuilt = {k: solution.reconstructions[0] for k, (_, solution) in solved.items()}
+        if is_torn:
+            truth = {k: _keep(*solved[k]) for k in frames}
+        else:
+            truth = {k: self._restore(solved[k][0], rebuilt[k], outliers[k]) for k in frames}
         current = self._block_solver
         if not isinstance(current, CapturedBlockSolver):
             current = self._make_captured(current.solver)
-        before = self._measure(truth, {k: self._solve(current, k)[1] for k in frames})
-        after = self._measure(truth, {k: solved[k][1] for k in frames})
-        yield TriedStep(Step.ROBUST, before, after, len(truth))
-        fitted = self._fit(spread[1::2], plain) if self._takes_fit else None
+        before = self._measure(truth, {k: self._rebuild(current, k) for k in frames})
+        after = self._measure(truth, rebuilt)
+        yield TriedStep(Step.TORN if is_torn else Step.ROBUST, before, after, len(truth))
+        fitted = self._fit(spread[1::2], plain) if self._takes_fit and not is_torn else None
         if fitted is not None:
             robust = self._make_robust(fitted, plain, frames)
-            after = self._measure(truth, {k: self._solve(robust, k)[1] for k in frames})
+            after = self._measure(truth, {k: self._rebuild(robust, k) for k in frames})
             yield TriedStep(Step.ROBUST_FIT, before, after, len(truth))
 
     def _make_captured(self, solver: DualLaplacianSolver) -> CapturedBlockSolver[MeshSequence]:
@@ -307,11 +329,15 @@ class StepTrials:
 
     def _solve(
         self, solver: CapturedBlockSolver[MeshSequence], frame: int
-    ) -> tuple[Floats, Floats]:
-        """Return a frame, whose missing vertices are nan, and its reconstruction, (m, 3) each."""
+    ) -> tuple[Floats, Solution]:
+        """Return a frame, (m, 3), whose missing vertices are nan, and its solution."""
         positions = self._sequence.read_frame(frame)
         completed, given = solver.complete(Block(frame, positions[None], {}))
-        return positions, solver.robust.solve(completed, given).reconstructions[0]
+        return positions, solver.robust.solve(completed, given)
+
+    def _rebuild(self, solver: CapturedBlockSolver[MeshSequence], frame: int) -> Floats:
+        """Return the reconstruction of a frame, (m, 3)."""
+        return np.asarray(self._solve(solver, frame)[1].reconstructions[0])
 
     def _measure(self, truth: dict[int, Floats], rebuilt: dict[int, Floats]) -> float:
         """Measure the rms error of frames, in percent of the diagonal, where the truth is known."""
@@ -331,7 +357,7 @@ class StepTrials:
         for binding in (self._binding, fitted):
             one = DualLaplacianSolver(binding, solve, self._vertex_weights.vertices)
             solver = self._make_captured(one)
-            errors.append(self._measure(truth, {k: self._solve(solver, k)[1] for k in truth}))
+            errors.append(self._measure(truth, {k: self._rebuild(solver, k) for k in truth}))
         yield TriedStep(Step.FIT, errors[0], errors[1], len(truth))
 
     def _fit(self, frames: Sequence[int], solve: SolveSettings) -> Binding | None:
@@ -359,3 +385,9 @@ class StepTrials:
         sample = fitter.sample([clip])
         alternator = fitter.make_alternator(sample, DEFAULT_STRENGTH, max_rounds=FIT_ROUNDS)
         return alternator.fit(sample.target, FIT_SETTINGS)[0]
+
+
+def _keep(positions: Floats, solution: Solution) -> Floats:
+    """Return a frame, (m, 3), without the vertices that its solution rejects in part: nan."""
+    weights = solution.weights
+    return positions if weights is None else np.where(weights[0, :, None] < 1, np.nan, positions)

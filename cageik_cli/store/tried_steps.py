@@ -16,9 +16,13 @@ MAX_SMOOTH_SHARE = 0.75
 
 
 class Step(StrEnum):
-    """A step that may lower the error of a clip, or raise it."""
+    """A step that may lower the error of a clip, or raise it.
+
+    `TORN` rejects outliers, too, of a surface that is torn: its error is that of what is kept.
+    """
 
     ROBUST = "robust"
+    TORN = "robust, torn"
     FIT = "fit"
     ROBUST_FIT = "robust, fit"
     SMOOTH = "smooth"

@@ -1,22 +1,26 @@
 """Frames whose vertices count differently, against least squares; and outliers that are found."""
 
+import itertools
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from cageik_cli import bind
+from cageik_cli.captured import robust
 from cageik_cli.captured.robust import (
     RobustSolver,
     find_outlier_vertices,
     find_torn_vertices,
     has_outlier_vertices,
+    is_often_torn,
     weigh,
 )
 from cageik_cli.geometry.shape import uniform_laplacian
 from cageik_cli.method.solve.alignment import best_rotations
 from cageik_cli.method.solve.dual_laplacian import DualLaplacianSolver
 from cageik_cli.method.solve.settings import SolveSettings
+from tests.corruptions import corrupt
 from tests.shapes import ball, box, merged, rotation
 
 RNG = np.random.default_rng(5)
@@ -231,6 +235,33 @@ def test_outliers_are_found_however_many_there_are(share):
     assert (found == is_off).all()
     frame[is_off] = np.nan
     assert not find_outlier_vertices(BALL, frame).any()
+
+
+def pair(frames):
+    return list(itertools.pairwise(frames))
+
+
+def test_a_surface_is_torn_by_pieces_that_jump_and_not_by_quick_motion():
+    """Nor by noise, nor by pieces that jump in a third of the frames, as a clean clip may have."""
+    points = BALL.vertices
+    times = np.linspace(0, 6, 25)[:, None, None]
+    wave = points + np.sin(times) * points[:, 2:] ** 2 * [1.0, 0.5, 0.0]
+    assert not is_often_torn(BALL, pair(wave))
+    assert not is_often_torn(BALL, pair(wave[::6]))
+    assert not is_often_torn(BALL, pair(corrupt("noise", wave)))
+    assert not is_often_torn(BALL, pair(corrupt("patches", wave)))
+    torn = corrupt("tears", wave)
+    assert is_often_torn(BALL, pair(torn))
+    assert not is_often_torn(BALL, pair([*torn[:9], *wave[9:]]))
+    assert not is_often_torn(BALL, [])
+    torn[:, np.abs(torn - wave).max(axis=(0, 2)) > 0] = np.nan
+    assert not is_often_torn(BALL, pair(torn))
+
+
+def test_of_a_large_mesh_some_edges_tell_whether_it_is_torn(monkeypatch):
+    monkeypatch.setattr(robust, "MAX_COMPARED_EDGES", len(BALL.edges.ends) // 2)
+    torn = corrupt("tears", np.repeat(BALL.vertices[None], 20, axis=0))
+    assert is_often_torn(BALL, pair(torn))
 
 
 def find_torn(residuals, mesh=BALL, is_data=None):

@@ -181,6 +181,13 @@ def test_advice_on_a_captured_clip_does_not_raise_the_true_error(
 
 
 @pytest.mark.parametrize("move", [bend, *map(slow, CLIPS[1:])])
+@pytest.mark.parametrize("options", [[], slow(["--fit"])])
+def test_nothing_that_follows_the_pieces_of_a_torn_surface_is_advised(clip, measure, move, options):
+    for step in follow_all(measure, clip(move, "tears"), ["--cage", "cage.obj", *options]):
+        assert step.startswith("extract again with --robust --overwrite (")
+
+
+@pytest.mark.parametrize("move", [bend, *map(slow, CLIPS[1:])])
 def test_more_vertices_and_a_built_cage_do_not_raise_the_true_error(clip, measure, move):
     """Of a fitted cage that is too coarse, more vertices are advised until little is missed."""
     taken = follow_all(measure, clip(move), ["--cage", "cage.obj", "--fit"])

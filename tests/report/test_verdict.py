@@ -173,11 +173,11 @@ def make_kept(missing, rms=0.1, largest=1.0, rejected=0.0):
     return KeptSummary(rms, largest, missing, 1, "a", rejected, 0, "a")
 
 
-def judge(closed, everything, kept, hidden=None):
+def judge(closed, everything, kept, hidden=None, *, is_torn=False):
     rms, largest = everything
     summary = build_report(closed.result).summary
     summary = replace(summary, rms_percent=rms, max_deviation_percent=largest)
-    return judge_quality(*judge_errors(summary, kept, hidden))
+    return judge_quality(*judge_errors(summary, kept, hidden, is_torn=is_torn))
 
 
 @pytest.mark.parametrize(
@@ -193,6 +193,18 @@ def judge(closed, everything, kept, hidden=None):
 )
 def test_what_is_missing_counts_in_the_word_as_what_was_hidden(closed, missing, hidden, word):
     assert judge(closed, (0.1, 1.0), make_kept(missing), hidden) == word
+
+
+def test_the_word_on_a_torn_input_is_fair_at_best(closed):
+    """Its error says how close the torn input is followed."""
+    assert judge(closed, (0.1, 1.0), None) == "good"
+    assert judge(closed, (0.1, 1.0), None, is_torn=True) == "fair"
+    assert judge(closed, (1.1, 1.0), None, is_torn=True) == "poor"
+    tried = (TriedStep(Step.TORN, 0.2, 0.1, 8),)
+    torn = build_report(replace(closed.result, tried=tried))
+    assert any("pieces of the input jump" in note.text for note in torn.notes)
+    unhelped = replace(closed.result, tried=(TriedStep(Step.TORN, 0.2, 0.2, 8),))
+    assert any("mend the input" in note.text for note in build_report(unhelped).notes)
 
 
 @pytest.mark.parametrize(

@@ -27,6 +27,7 @@ def settings(tmp_path, monkeypatch, write_obj, coarse_panels, weights_cache):
     frames[0] = body.vertices
     np.savez("clean.npz", verts=frames, faces=body.faces)
     np.savez("thrown.npz", verts=corrupt("outliers", frames), faces=body.faces)
+    np.savez("torn.npz", verts=corrupt("tears", frames), faces=body.faces)
     cage = moved(ball(1, 1.0), scale=1.5)
     path = write_obj(tmp_path / "cage.obj", cage.vertices, cage.faces)
     four = moved(TETRAHEDRON, scale=14.0, shift=(-3, -3, -3))
@@ -46,6 +47,13 @@ def test_a_fit_is_tried_on_a_clean_clip_and_outliers_are_rejected_on_another(set
     assert list_tried(thrown) == [Step.ROBUST, Step.ROBUST_FIT]
     assert list_tried(thrown, fit=True) == [Step.ROBUST]
     assert list_tried(thrown, capture=replace(thrown.capture, robust=True)) == []
+
+
+def test_of_a_torn_surface_outliers_are_rejected_and_no_fit_is_tried(settings):
+    torn = replace(settings, frames=("torn.npz",))
+    assert list_tried(torn) == [Step.TORN]
+    assert list_tried(torn, fit=True) == [Step.TORN]
+    assert list_tried(torn, capture=replace(torn.capture, robust=True)) == []
 
 
 def test_a_result_says_what_was_tried_only_if_something_was(settings):
