@@ -12,6 +12,7 @@ import numpy as np
 from cageik_cli.captured.robust import RobustSolver
 from cageik_cli.geometry.frames import Block
 from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.geometry.shape import lumped_areas
 from cageik_cli.method.solve.alignment import best_rotations
 from cageik_cli.method.solve.blocks import (
     BlockSolver,
@@ -232,8 +233,9 @@ class CapturedBlockSolver(BlockSolver[Clip]):
             # A small weight that is given is no outlier: only what is taken from it counts.
             is_kept = is_data & (weights >= (1.0 if given is None else given))
         metrics, squares = measure(rest, frames, rebuilt, is_data, is_kept=is_kept)
-        kept_metrics = measure_kept(squares, is_data, is_kept)
+        kept_metrics = measure_kept(squares, is_data, is_kept, lumped_areas(rest))
         kept = KeptBlock.of(kept_metrics, weights, is_kept, gaps=block.gaps)
+        squares = np.where(is_kept, squares, np.nan)
         return make_solved_block(block, solution, metrics, squares, digests, kept)
 
     def _find_data(self, frames: Floats, given: Floats | None) -> Mask:

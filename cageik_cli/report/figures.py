@@ -5,7 +5,8 @@ Error definitions, for F frames of m vertices, D the rest bounding box's diagona
 - rms of a frame: sqrt(mean_i |v̂_i − v_i|²); of the clip: the root of the mean square over frames;
   of a vertex: the root of its mean square over frames.
 - area_rms of the clip: the same with Σ a_i |v̂_i − v_i|² / Σ a_i, a_i a third of the area of the
-  faces at a vertex in the rest pose.
+  faces at a vertex in the rest pose. Where vertices count differently in each frame, each frame has
+  its own sums, over its data or what was kept of it, and the clip the root of their mean square.
 - radius_rms_percent of the clip: 100 rms/R, R the radius of the smallest sphere that holds the rest
   pose. It does not depend on the axes, as D does.
 - e_rms = 2000/√3 · rms/D = 1154.70 · rms/D (Kavan, Sloan and O'Sullivan 2010, eq. 8).
@@ -89,6 +90,8 @@ class FrameRecord:
     rejected: int | None = None
     rms_kept_percent: float | None = None
     max_deviation_kept_percent: float | None = None
+    area_rms_percent: float | None = None
+    area_rms_kept_percent: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,6 +100,7 @@ class KeptSummary:
 
     `missing_percent` is of all vertices in all frames that were not skipped, `rejected_percent` of
     those that are data. `most_missing` and `most_rejected` are the counts of the worst frames.
+    `area_rms_percent` is None for a model without area, and for results of earlier versions.
     """
 
     rms_percent: float
@@ -107,6 +111,7 @@ class KeptSummary:
     rejected_percent: float
     most_rejected: int
     most_rejected_frame: str
+    area_rms_percent: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,7 +121,8 @@ class ReportSummary:
     `volume_change_percent_max` is the largest change in absolute value, with its sign.
     `fixed_floats` counts the weights that must be stored, `floats_per_frame` the coordinates of a
     cage. `best_possible_percent` is the smallest rms that a cage with as many vertices can have.
-    `area_rms` weighs each vertex by its area in the rest pose; None for a model without area.
+    `area_rms` weighs each vertex by its area in the rest pose; None for a model without area, and
+    for results of earlier versions in which vertices count differently in each frame.
     `radius_rms_percent` is `rms` in percent of the radius of the smallest sphere around the model.
     Of weights that were fitted to this clip, `gap_closed_percent` tells how much of the gap from
     the unfitted weights to it they close, and `held_out_rms_percent` their error on frames that
@@ -244,8 +250,10 @@ def describe_kept(kept: KeptSummary | None, vertices: int) -> list[tuple[str, st
             f"{format_decimals(kept.rejected_percent, 2)} % of the data, most in "
             f"{kept.most_rejected_frame}: {format_count(kept.most_rejected, 'vertex')}"
         )
+        area = kept.area_rms_percent
+        by_area = "" if area is None else f"by area {format_percent(area)} %, "
         error = (
-            f"error {format_percent(kept.rms_percent)} %, max deviation "
+            f"error {format_percent(kept.rms_percent)} %, {by_area}max deviation "
             f"{format_percent(kept.max_deviation_percent)} % over what was not rejected"
         )
         rows += [("rejected", text), ("kept", error)]

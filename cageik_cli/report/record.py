@@ -270,6 +270,8 @@ def _list_kept(kept: KeptMetrics, frame: int, percent: float) -> dict[str, Any]:
         "rejected": int(kept.rejected[frame]),
         "rms_kept_percent": float(percent * kept.rms_kept[frame]),
         "max_deviation_kept_percent": float(percent * kept.max_deviation_kept[frame]),
+        "area_rms_percent": _finite_or_none(percent * kept.area_rms[frame]),
+        "area_rms_kept_percent": _finite_or_none(percent * kept.area_rms_kept[frame]),
     }
 
 
@@ -292,6 +294,7 @@ def _build_kept(result: Result) -> KeptSummary | None:
         rejected_percent=float(100 * rejected.sum() / max(1, data)),
         most_rejected=int(rejected[most_rejected]),
         most_rejected_frame=result.frames[known[most_rejected]],
+        area_rms_percent=_finite_or_none(percent * _average_frames(kept.area_rms_kept)),
     )
 
 
@@ -348,13 +351,24 @@ def _summarize_fit(result: Result) -> dict[str, Any]:
 
 def _summarize_by_area(result: StoredAnimation) -> dict[str, Any]:
     """Return the rms over the clip in which vertices count by their area in the rest pose."""
+    kept = result.kept if isinstance(result, Result) else None
     known = np.isfinite(result.vertex_rms)
     areas = lumped_areas(result.rest)[known]
-    if not areas.any():
-        return {}
-    shares = areas / areas.max()  # squares of lengths times areas could overflow
-    rms = float(np.sqrt(np.average(result.vertex_rms[known] ** 2, weights=shares)))
-    return {"area_rms": rms, "area_rms_percent": 100 * rms / result.rest.diagonal}
+    if kept is not None:  # the rms of a vertex is that of what was kept
+        rms = _average_frames(kept.area_rms)
+    elif areas.any():
+        shares = areas / areas.max()  # squares of lengths times areas could overflow
+        rms = float(np.sqrt(np.average(result.vertex_rms[known] ** 2, weights=shares)))
+    else:
+        rms = np.nan
+    percent = 100 * rms / result.rest.diagonal
+    return {"area_rms": _finite_or_none(rms), "area_rms_percent": _finite_or_none(percent)}
+
+
+def _average_frames(rms: Floats) -> float:
+    """Return the rms of a clip by that of its frames, nan for those without; nan if all are."""
+    known = rms[np.isfinite(rms)]
+    return float(np.sqrt(np.mean(known**2))) if len(known) else np.nan
 
 
 def _build_vertex_metrics(result: StoredAnimation) -> VertexMetrics:

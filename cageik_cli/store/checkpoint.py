@@ -31,6 +31,7 @@ from cageik_cli.method.solve.metrics import (
     FrameMetrics,
     KeptMetrics,
     are_lengths,
+    find_impossible_kept,
     find_invalid_metric,
     map_columns,
 )
@@ -46,7 +47,7 @@ from cageik_cli.util.version import __version__
 CHECKPOINT_START = b"cageik.partial "
 
 
-CHECKPOINT_MAGIC = CHECKPOINT_START + b"9\n"
+CHECKPOINT_MAGIC = CHECKPOINT_START + b"10\n"
 """Raise its number when the spec, the bytes of blocks or the solve change, so that older ones are
 refused."""
 
@@ -516,12 +517,9 @@ def _check_block(block: SolvedBlock, vertices: int) -> None:
 
 def _is_sound(kept: KeptBlock, known: Mask, vertices: int) -> bool:
     """Return whether a run can have kept this of frames, (k,), that are known or skipped."""
-    metrics = map_columns(kept.metrics, lambda column: column[known])
-    counts = np.concatenate([metrics.missing, metrics.rejected, kept.vertices])
     return bool(
-        ((counts >= 0) & (counts <= vertices)).all()
-        and (kept.vertices < vertices).all()
-        and are_lengths(np.concatenate([metrics.rms_kept, metrics.max_deviation_kept])).all()
+        find_impossible_kept(kept.metrics, vertices, np.flatnonzero(~known)) is None
+        and ((kept.vertices >= 0) & (kept.vertices < vertices)).all()
         and ((kept.counts >= 0) & (kept.counts <= len(known))).all()
         and are_lengths(kept.weights).all()
     )

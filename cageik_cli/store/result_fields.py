@@ -13,12 +13,14 @@ import numpy as np
 from cageik_cli.formats.base.hdf5 import read_array
 from cageik_cli.formats.settings import Scene
 from cageik_cli.method.solve.metrics import (
+    AREA_COLUMNS,
     KEPT_TYPES,
     MAX_LENGTH,
     METRIC_TYPES,
     FrameMetrics,
     KeptMetrics,
     are_lengths,
+    find_impossible_kept,
     find_invalid_metric,
 )
 from cageik_cli.method.solve.regions import MAX_CAGE_FACES, MAX_REGIONS, Region
@@ -278,10 +280,12 @@ def read_kept_metrics(file: h5py.File, sizes: ClipSizes) -> KeptMetrics | None:
     """Read the metrics over what was kept, if the result has them."""
     if not any(f"metrics/{name}" in file for name in KEPT_TYPES):
         return None
-    columns = _read_columns(file, sizes.frames, KEPT_TYPES)
-    for name, column in columns.items():
-        held, is_count = np.delete(column, list(sizes.skipped)), KEPT_TYPES[name] == "i8"
-        fits = (held >= 0) & (held <= sizes.vertices) if is_count else are_lengths(held)
-        if not fits.all():
-            raise FormatError(f"holds `metrics/{name}` that is impossible; extract it again")
-    return KeptMetrics(**columns)
+    unknown = [name for name in AREA_COLUMNS if f"metrics/{name}" not in file]  # in older results
+    held = {name: kind for name, kind in KEPT_TYPES.items() if name not in unknown}
+    columns = _read_columns(file, sizes.frames, held)
+    columns |= {name: np.full(sizes.frames, np.nan) for name in unknown}
+    kept = KeptMetrics(**columns)
+    name = find_impossible_kept(kept, sizes.vertices, list(sizes.skipped))
+    if name is not None:
+        raise FormatError(f"holds `metrics/{name}` that is impossible; extract it again")
+    return kept

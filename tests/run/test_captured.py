@@ -13,6 +13,7 @@ import pytest
 from cageik_cli.captured.settings import MAX_SMOOTHING_PERIOD, CaptureSettings
 from cageik_cli.fit.settings import FitSettings
 from cageik_cli.formats.settings import ClipSettings
+from cageik_cli.geometry.shape import lumped_areas
 from cageik_cli.method.solve.regions import Cause
 from cageik_cli.method.solve.summary import OcclusionTracker
 from cageik_cli.report.html.page import render_result_page
@@ -120,6 +121,46 @@ def test_rejected_vertices_are_counted_everywhere(walker, make):
     assert "Rejected" in page
     assert "over what was not rejected" in page
     assert record["settings"]["robust"] is True
+
+
+def test_the_error_by_area_is_over_all_data_as_the_error_is(walker, make):
+    spoilt = corrupt("missing", corrupt("outliers", walker[0]))
+    result = extract(make(spoilt, clip=MISSING, capture=ROBUST))
+    with h5py.File(result.path) as file:
+        rebuilt = file["weights"][:] @ file["verts"][:]
+    squares, areas = ((rebuilt - spoilt) ** 2).sum(axis=2), lumped_areas(result.rest)
+    whole = np.where(np.isnan(squares), 0, areas).sum(axis=1)
+    by_frame = 100 * np.sqrt(np.nansum(areas * squares, axis=1) / whole) / result.rest.diagonal
+    report = build_report(result)
+    assert report.summary.area_rms_percent == pytest.approx(np.sqrt(np.mean(by_frame**2)), rel=1e-9)
+    assert report.kept.area_rms_percent < 0.1 * report.summary.area_rms_percent
+    record = json.loads(format_json([report]))
+    assert record["kept"]["area_rms_percent"] == report.kept.area_rms_percent
+    rows = list(csv.DictReader(io.StringIO(format_csv([report]))))
+    for held in (record["frames"], rows):
+        found = np.array([float(one["area_rms_percent"]) for one in held])
+        np.testing.assert_allclose(found, by_frame, rtol=1e-9, atol=1e-12)
+        kept = np.array([float(one["area_rms_kept_percent"]) for one in held])
+        assert np.sqrt(np.mean(kept**2)) == pytest.approx(report.kept.area_rms_percent, rel=1e-9)
+    by_area = f"{report.kept.area_rms_percent:.4f}"
+    assert f"by area {by_area} %, max" in format_text(report)
+    page = render_result_page(result, report, load_player(result))
+    assert by_area in page[page.index("Error by area") :][:300]
+
+
+def test_results_that_do_not_tell_the_error_by_area_are_read(walker, make):
+    path = extract(make(corrupt("outliers", walker[0]), capture=ROBUST)).path
+    with h5py.File(path, "r+") as file:
+        file["metrics/area_rms"][0] = -1
+    with pytest.raises(FormatError, match="`metrics/area_rms` that is impossible"):
+        read_result(path)
+    with h5py.File(path, "r+") as file:
+        del file["metrics/area_rms"], file["metrics/area_rms_kept"]
+    report = build_report(read_result(path))
+    record = json.loads(format_json([report]))
+    assert record["summary"]["area_rms"] is record["kept"]["area_rms_percent"] is None
+    assert {one["area_rms_kept_percent"] for one in record["frames"]} == {None}
+    assert "by area" not in format_text(report)
 
 
 def test_without_the_options_nothing_of_it_is_stored(walker, make):

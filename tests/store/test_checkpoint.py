@@ -296,9 +296,10 @@ def test_blocks_of_weights_that_were_fitted_to_other_frames_are_cut_off(log):
     assert checkpoint_progress(log) == (0, 5)
 
 
-def test_a_checkpoint_of_an_earlier_version_is_known_as_one(tmp_path):
+@pytest.mark.parametrize("version", [b"1", b"9"])
+def test_a_checkpoint_of_an_earlier_version_is_known_as_one(tmp_path, version):
     path = tmp_path / "cages.h5.partial"
-    path.write_bytes(b"cageik.partial 1\n" + bytes(99))
+    path.write_bytes(b"cageik.partial " + version + b"\n" + bytes(99))
     assert is_checkpoint(path)
     for read in (checkpoint_progress, delete_checkpoint):
         with pytest.raises(CheckpointError, match=r"cages\.h5\.partial: .*another version"):
@@ -518,7 +519,9 @@ def test_a_block_that_no_run_has_solved_is_refused(change):
 
 
 KEPT = KeptBlock(
-    metrics=KeptMetrics(np.array([1, -1]), np.array([0, -1]), np.ones(2), np.ones(2)),
+    metrics=KeptMetrics(
+        np.array([1, -1]), np.array([0, -1]), *np.ones((2, 2)), *np.full((2, 2), np.nan)
+    ),
     starts=np.array([0, 2, 2]),
     vertices=np.array([1, 4]),
     weights=np.array([0.0, 0.5]),
@@ -537,7 +540,10 @@ KEPT = KeptBlock(
         ("weights", [0, np.nan]),
         ("counts", [3, 0, 1, 1, 1, 1]),
         ("metrics", replace(KEPT.metrics, missing=np.array([7, -1]))),
-        ("metrics", replace(KEPT.metrics, rms_kept=np.array([np.inf, 1]))),
+        *(
+            ("metrics", replace(KEPT.metrics, **{name: np.array([value, 1])}))
+            for name, value in (("rms_kept", np.inf), ("rms_kept", np.nan), ("area_rms", -1))
+        ),
     ],
 )
 def test_what_no_run_has_kept_is_refused(log, name, values):

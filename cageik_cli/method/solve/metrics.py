@@ -54,12 +54,17 @@ class KeptMetrics:
         Vertices that are data, and weigh less than is given, as outliers.
     rms_kept, max_deviation_kept : float64
         As in `FrameMetrics`, over data that was not rejected.
+    area_rms, area_rms_kept : float64
+        sqrt(Σ a_i |v̂_i − v_i|² / Σ a_i) over all data, and over what was not rejected, with the
+        area a_i of a vertex at rest; nan without area, and in results of earlier versions.
     """
 
     missing: Integers
     rejected: Integers
     rms_kept: Floats
     max_deviation_kept: Floats
+    area_rms: Floats
+    area_rms_kept: Floats
 
 
 METRIC_TYPES = {
@@ -72,6 +77,9 @@ KEPT_TYPES = {
     for field in fields(KeptMetrics)
 }
 """The names of the metrics over what was kept, and the types of their columns."""
+
+AREA_COLUMNS = ("area_rms", "area_rms_kept")
+"""Those of `KEPT_TYPES` that may be nan."""
 
 Metrics = TypeVar("Metrics", FrameMetrics, KeptMetrics)
 
@@ -120,7 +128,7 @@ def measure(
     -------
     metrics : FrameMetrics
     squared_errors : (k, m) float64
-        |v̂_i − v_i|², nan for vertices that were not kept; in workspace memory, if one was given.
+        |v̂_i − v_i|², nan for vertices that are not data; in workspace memory, if one was given.
     """
     if is_kept is None and compiled.kernel is not None:
         return _measure_compiled(rest, frames, reconstructions, data, workspace or Workspace())
@@ -179,11 +187,11 @@ def _measure_in_numpy(
     over_data = np.where(is_data, squares, -1.0)
     counts = is_data.sum(axis=1)
     known = np.where(counts > 0, counts, np.nan)
-    kept_or_data = is_data if is_kept is None else is_kept
+    is_taken = is_data if is_kept is None else is_kept
     volume, volume_rebuilt = np.full((2, len(frames)), np.nan)
     whole = np.flatnonzero(is_data[:, rest.used_vertices].all(axis=1) & rest.is_body)
     if len(whole):
-        mended = np.where(kept_or_data[whole, :, None], frames[whole], reconstructions[whole])
+        mended = np.where(is_taken[whole, :, None], frames[whole], reconstructions[whole])
         volume[whole] = signed_volumes(mended, rest.faces)
         volume_rebuilt[whole] = signed_volumes(reconstructions[whole], rest.faces)
     centroids = np.einsum("kj,kjx->kx", is_data, frames) / known[:, None]
@@ -196,17 +204,32 @@ def _measure_in_numpy(
         volume_reconstructed=volume_rebuilt,
         spread=np.sqrt(spread),
     )
-    return metrics, np.where(kept_or_data, squares, np.nan)
+    return metrics, np.where(is_data, squares, np.nan)
 
 
-def measure_kept(squared_errors: Floats, is_data: Mask, is_kept: Mask) -> KeptMetrics:
-    """Measure squared errors, (k, m), over what was kept of the data, as of `measure`."""
+def measure_kept(
+    squared_errors: Floats, is_data: Mask, is_kept: Mask, areas: Floats
+) -> KeptMetrics:
+    """Measure squared errors, (k, m), over what was kept of the data, as of `measure`.
+
+    Areas, (m,), are those of the vertices in the rest pose.
+    """
     over_kept = np.where(is_kept, squared_errors, 0.0)
+    shares = areas / (areas.max() or 1.0)  # squares of lengths times areas could overflow
+
+    def average_by_area(is_counted: Mask) -> Floats:
+        counted = np.where(is_counted, shares, 0.0)
+        whole = counted.sum(axis=1)
+        sums = (counted * np.where(is_counted, squared_errors, 0.0)).sum(axis=1)
+        return np.asarray(np.sqrt(sums / np.where(whole > 0, whole, np.nan)))
+
     return KeptMetrics(
         missing=(~is_data).sum(axis=1),
         rejected=(is_data & ~is_kept).sum(axis=1),
         rms_kept=np.sqrt(over_kept.sum(axis=1) / np.maximum(is_kept.sum(axis=1), 1)),
         max_deviation_kept=np.sqrt(over_kept.max(axis=1)),
+        area_rms=average_by_area(is_data),
+        area_rms_kept=average_by_area(is_kept),
     )
 
 
@@ -258,6 +281,18 @@ class DeviationPeaks:
 def are_lengths(values: Floats) -> np.ndarray:
     """Return which values can be lengths; nan cannot."""
     return np.asarray((values >= 0) & (values <= MAX_LENGTH))
+
+
+def find_impossible_kept(
+    metrics: KeptMetrics, vertices: int, skipped: Sequence[int] | Integers
+) -> str | None:
+    """Return the name of a metric that is impossible in frames not skipped, or None."""
+    for name, kind in KEPT_TYPES.items():
+        held = np.delete(getattr(metrics, name), skipped)
+        fits = (held >= 0) & (held <= vertices) if kind == "i8" else are_lengths(held)
+        if not (fits | (np.isnan(held) & (name in AREA_COLUMNS))).all():
+            return name
+    return None
 
 
 def find_invalid_metric(metrics: FrameMetrics) -> str | None:

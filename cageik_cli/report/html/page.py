@@ -342,6 +342,8 @@ FRAME_COLUMNS = (
     Column("rejected", "Rejected", is_at_cursor=True),
     Column("rms_kept_percent", "RMS of kept, %", format_percent),
     Column("max_deviation_kept_percent", "Max deviation of kept, %", format_percent),
+    Column("area_rms_percent", "RMS by area, %", format_percent),
+    Column("area_rms_kept_percent", "RMS by area of kept, %", format_percent),
     Column("volume_change", "Volume change, %", format_change, is_at_cursor=True),
     Column("volume", "Volume", UNITS),
     Column("volume_reconstructed", "Volume reconstructed", UNITS),

@@ -3,6 +3,7 @@ import pytest
 import trimesh
 
 from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.geometry.shape import lumped_areas
 from cageik_cli.method.solve import metrics
 from tests.shapes import ball, rotation
 
@@ -91,6 +92,24 @@ def test_captured_frames_have_the_volumes_of_others():
             kept.volume_reconstructed, plain.volume_reconstructed, rtol=1e-9, atol=0
         )
         assert np.isnan(kept.volume).all() == (rest is flat)
+
+
+def test_errors_by_area_are_over_all_data_and_over_what_was_kept():
+    generator, areas = np.random.default_rng(1), lumped_areas(REST) * np.arange(len(REST.vertices))
+    squares = generator.random((3, len(areas)))
+    is_data = generator.random(squares.shape) < 0.8
+    is_kept = is_data & (generator.random(squares.shape) < 0.8)
+    is_kept[1], areas[0] = is_data[1], 0
+    is_data[2] = is_kept[2] = areas == 0
+    found = metrics.measure_kept(np.where(is_data, squares, np.nan), is_data, is_kept, areas)
+    for column, mask in ((found.area_rms, is_data), (found.area_rms_kept, is_kept)):
+        expected = [np.average(squares[k][mask[k]], weights=areas[mask[k]]) for k in range(2)]
+        np.testing.assert_allclose(column, [*np.sqrt(expected), np.nan], rtol=1e-12, atol=0)
+    assert found.area_rms[1] == found.area_rms_kept[1]
+    even = metrics.measure_kept(squares, is_data, is_kept, np.full(len(areas), 2e99))
+    np.testing.assert_allclose(even.area_rms_kept, even.rms_kept, rtol=1e-12, atol=0)
+    nothing = metrics.measure_kept(squares, is_data, is_kept, np.zeros(len(areas)))
+    assert np.isnan([nothing.area_rms, nothing.area_rms_kept]).all()
 
 
 def test_metrics_do_not_change_with_a_rigid_motion():

@@ -399,7 +399,10 @@ FIGURES = FrameRecord(
 )
 
 
-KEPT = ("missing", "rejected", "rms_kept_percent", "max_deviation_kept_percent")
+KEPT = (
+    *("missing", "rejected", "rms_kept_percent", "max_deviation_kept_percent"),
+    *("area_rms_percent", "area_rms_kept_percent"),
+)
 VOLUMES = ("volume_change", "volume", "volume_reconstructed", "volume_drift")
 
 
@@ -417,7 +420,7 @@ def test_every_metric_of_a_frame_has_a_column():
 def test_cells_are_formatted_as_in_all_views():
     lengths = ["1.2346", "0.0123457", "2e-05", "2e-07", "7"]
     volumes = ["+0.5000", "", "8", "-1.0000"]
-    assert format_cells(FIGURES, FRAME_COLUMNS) == ["1003", "a", *lengths, *[""] * 4, *volumes]
+    assert format_cells(FIGURES, FRAME_COLUMNS) == ["1003", "a", *lengths, *[""] * 6, *volumes]
 
 
 def test_a_column_without_values_is_left_out(report, opened):
