@@ -19,6 +19,7 @@ from cageik_cli.report.figures import format_percent
 from cageik_cli.report.html.index import render_index
 from cageik_cli.report.overview import ClipEntry, Overview, shorten_names
 from cageik_cli.report.views.data import format_junit, format_overview_csv, format_overview_json
+from cageik_cli.report.views.front import describe_doubt
 from cageik_cli.report.views.markdown import format_markdown
 from cageik_cli.run.extraction import Extraction
 from cageik_cli.store.result import checkpoint_path, is_result
@@ -224,7 +225,8 @@ def _describe_outcome(outcome: Outcome) -> str:
         return state.value
     known = f"{state.value}, " if state is ClipState.UNCHANGED else ""
     percent = format_percent(entry.report.counted.rms_percent)
-    over = ", over a limit" if entry.exceeds_limit else ""
+    doubt = describe_doubt(entry.report)
+    over = (f" ({doubt})" if doubt else "") + (", over a limit" if entry.exceeds_limit else "")
     again = f"; replaces the result of {outcome.replaced}" if outcome.replaced else ""
     earlier = entry.report.baseline_name
     renamed = f"; in the baseline as {earlier}" if earlier not in (None, entry.name) else ""

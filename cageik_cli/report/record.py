@@ -1,7 +1,7 @@
 """The record of a result that all views show; views compute nothing."""
 
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -61,6 +61,9 @@ MAX_WORST_VERTICES = 10
 MAX_UNKNOWN_PERCENT = 1.0
 """Percentage of vertices that may be missing, and not be measured, in a result that is good."""
 
+Doubt = Literal["rejected", "missing", "torn"]
+"""Which data may be worse than what the figures of a result count."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Report:
@@ -77,7 +80,8 @@ class Report:
     `quality` is a key of `QUALITY_WORDS`, and `better` the one step that would help most; both are
     None for an edit, `better` also where there is no such step. `gain` is what that step has gained
     on some frames; None if it was not tried, as it cannot hurt. `hidden` are the errors of vertices
-    that were hidden on purpose, as others are missing; None if none are. `baseline_name` is the
+    that were hidden on purpose, as others are missing; None if none are. `is_torn` says that pieces
+    of the input jump apart from the surface around them, in most frames. `baseline_name` is the
     result in the baseline that this one was compared with; None if there is none.
     """
 
@@ -105,12 +109,22 @@ class Report:
     better: str | None = None
     gain: TriedStep | None = None
     hidden: HiddenErrors | None = None
+    is_torn: bool = False
     baseline_name: str | None = None
 
     @property
     def verdict(self) -> str | None:
         """How good the result is, in a word; None for an edit."""
         return None if self.quality is None else QUALITY_WORDS[self.quality]
+
+    @property
+    def doubt(self) -> Doubt | None:
+        """Which data alone keeps the result from being good; None if it is not that."""
+        if self.quality != "fair":
+            return None
+        is_good = judge_quality(*_measure_counted(self.summary, self.kept, self.hidden)) == "good"
+        found = _find_doubt(self.summary, self.kept, self.hidden, is_torn=self.is_torn)
+        return found if is_good else None
 
     @property
     def has_offsets(self) -> bool:
@@ -204,6 +218,7 @@ def _judge(result: Result, summary: ReportSummary, spelling: Spelling) -> dict[s
         "quality": judge_quality(*errors),
         "better": None if better is None else spell(better.step, spelling),
         "gain": None if better is None else better.gain,
+        "is_torn": is_torn,
     }
 
 
@@ -216,22 +231,47 @@ def judge_errors(
 ) -> tuple[float, float]:
     """Return the rms and the largest error that the word on a result is of, in percent.
 
-    Missing vertices count as those do that were hidden on purpose. If none were, and many are
-    missing, nothing is known to be good. Nor is it if data was rejected that may be motion, which
-    the cage does not follow: all data has another word then than what was kept. Nor if the input
-    is torn.
+    Of what is in doubt, nothing is known to be good.
     """
+    rms, largest = _measure_counted(summary, kept, hidden)
+    is_known = _find_doubt(summary, kept, hidden, is_torn=is_torn) is None
+    return rms if is_known else max(rms, MAX_FAIR_RMS), largest
+
+
+def _measure_counted(
+    summary: ReportSummary, kept: KeptSummary | None, hidden: HiddenErrors | None
+) -> tuple[float, float]:
+    """Return both errors of what counts; missing vertices do as those hidden on purpose."""
     counted = summary if kept is None else kept
     rms, largest = counted.rms_percent, counted.max_deviation_percent
-    missing = 0.0 if kept is None else kept.missing_percent / 100
-    everything = summary.rms_percent, summary.max_deviation_percent
-    is_known = not is_torn and judge_quality(*everything) == judge_quality(rms, largest)
-    if hidden is not None:
+    if kept is not None and hidden is not None:
+        missing = kept.missing_percent / 100
         rms = float(np.sqrt((1 - missing) * rms**2 + missing * hidden.rms_percent**2))
         largest = max(largest, hidden.largest_percent)
-    elif 100 * missing > MAX_UNKNOWN_PERCENT:
-        is_known = False
-    return rms if is_known else max(rms, MAX_FAIR_RMS), largest
+    return rms, largest
+
+
+def _find_doubt(
+    summary: ReportSummary,
+    kept: KeptSummary | None,
+    hidden: HiddenErrors | None,
+    *,
+    is_torn: bool,
+) -> Doubt | None:
+    """Return which data may be worse than what counts, so that the word is fair at best.
+
+    What was rejected may be motion, which the cage does not follow, if all data has another word
+    than what was kept; and of many missing vertices nothing is known if none were hidden. Pieces
+    that jump are no motion of the model, however closely they are followed.
+    """
+    if is_torn:
+        return "torn"
+    if kept is None:
+        return None
+    everything = judge_quality(summary.rms_percent, summary.max_deviation_percent)
+    if everything != judge_quality(kept.rms_percent, kept.max_deviation_percent):
+        return "rejected"
+    return "missing" if hidden is None and kept.missing_percent > MAX_UNKNOWN_PERCENT else None
 
 
 def _build_frames(result: StoredAnimation, spelling: Spelling) -> tuple[FrameRecord, ...]:

@@ -17,6 +17,7 @@ from cageik_cli.batch.run import (
     describe_batch,
     run_batch,
 )
+from cageik_cli.report.figures import KeptSummary
 from cageik_cli.report.overview import ClipEntry
 from cageik_cli.run.extraction import extract
 from cageik_cli.run.settings import ExtractSettings
@@ -62,6 +63,17 @@ def batch_of(output, *names, refused=()):
     )
     entries = tuple(ClipEntry(name, fault="no cage") for name in refused)
     return BatchPlan(output, jobs, entries, tuple(sorted([*names, *refused])))
+
+
+def test_a_clip_of_good_figures_says_why_it_is_only_fair(tmp_path, entry):
+    kept = KeptSummary(0.1, 1.0, 20.0, 1, "a", 0.0, 0, "a")
+    summary = replace(entry.report.summary, rms_percent=0.1, max_deviation_percent=1.0)
+    report = replace(entry.report, summary=summary, kept=kept, quality="fair")
+    doubtful = replace(entry, name="a", report=report)
+    heard, plan = Listener(), batch_of(tmp_path / "o", "a")
+    run_batch(plan, Scripted(Outcome(doubtful, ClipState.DONE)), heard)
+    why = "the error of missing vertices is unknown, so fair at best"
+    assert heard.notes == [("a", f"fair: 0.1000 % of the size on average ({why})")]
 
 
 def test_outcomes_are_noted_as_they_end_and_reported_in_order(tmp_path, done):

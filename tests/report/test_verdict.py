@@ -8,6 +8,7 @@ import pytest
 
 from cageik_cli.method.solve.regions import Cause
 from cageik_cli.report.figures import KeptSummary
+from cageik_cli.report.html.page import render_page
 from cageik_cli.report.notes import (
     MAX_FAIR_DEVIATION,
     MAX_FAIR_RMS,
@@ -18,7 +19,7 @@ from cageik_cli.report.notes import (
     suggest_step,
 )
 from cageik_cli.report.record import build_report, judge_errors
-from cageik_cli.report.views.front import list_verdict_rows
+from cageik_cli.report.views.front import describe_doubt, list_verdict_rows
 from cageik_cli.store.tried_steps import HiddenErrors, Step, TriedStep
 from cageik_cli.util.messages import Note
 from tests.shapes import ball
@@ -234,6 +235,39 @@ def test_little_that_is_kept_does_not_hide_what_was_rejected(closed):
 def test_a_result_is_judged_by_all_data_if_none_was_rejected(closed):
     assert judge(closed, (0.2, 2.0), None) == "good"
     assert judge(closed, (0.2, 8.0), None) == "poor"
+
+
+@pytest.mark.parametrize(
+    ("kept", "everything", "reason"),
+    [
+        (make_kept(0.0, rejected=1.0), (3.0, 50.0), "all data is off by 3.0 %, at most 50 %"),
+        (make_kept(2.0, rejected=1.0), (3.0, 50.0), "all data is off by 3.0 %, at most 50 %"),
+        (make_kept(20.0), (0.1, 1.0), "the error of missing vertices is unknown"),
+        (make_kept(0.5), (0.1, 1.0), None),  # good
+        (make_kept(20.0, 0.5), (0.5, 1.0), None),  # fair without that
+        (make_kept(0.0, 0.1, 4.0, rejected=1.0), (3.0, 50.0), None),
+        (make_kept(0.0, 0.1, 8.0, rejected=1.0), (3.0, 50.0), None),  # poor
+    ],
+)
+def test_a_result_of_good_figures_says_why_it_is_only_fair(closed, kept, everything, reason):
+    summary = build_report(closed.result).summary
+    rms, largest = everything
+    summary = replace(summary, rms_percent=rms, max_deviation_percent=largest)
+    report = replace(
+        build_report(closed.result),
+        summary=summary,
+        kept=kept,
+        quality=judge_quality(*judge_errors(summary, kept, None)),
+        frames=tuple(
+            replace(frame, rms_kept_percent=0.1, max_deviation_kept_percent=1.0)
+            for frame in build_report(closed.result).frames
+        ),
+    )
+    (data,) = [text for label, text in list_verdict_rows(report) if label == "data"]
+    expected = "" if reason is None else f"{reason}, so fair at best"
+    assert describe_doubt(report) == expected
+    assert data.endswith(f"; {expected}" if expected else "here")
+    assert data in render_page(report)
 
 
 def test_the_error_of_hidden_data_is_said(closed):

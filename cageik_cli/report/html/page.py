@@ -118,7 +118,7 @@ def render_page(
         sections=[one for one in SECTIONS if one[0] not in optional or optional[one[0]]],
         fit=fit,
         badges=_list_badges(report),
-        advice=[row for row in list_verdict_rows(report) if row[0] in ("look at", "better")],
+        advice=list_verdict_rows(report)[1:],
         worst=find_worst_frame(report, "rms"),
         furthest=find_worst_frame(report, "max_deviation"),
         message=format_front(report, source="the page"),

@@ -15,6 +15,7 @@ from cageik_cli.report.figures import (
 from cageik_cli.report.record import Report
 from cageik_cli.report.regions import label_vertex, name_cause, sort_parts
 from cageik_cli.report.views.text import format_check_row
+from cageik_cli.report.vocabulary import QUALITY_WORDS
 from cageik_cli.util.messages import Hint, spell
 from cageik_cli.util.text import format_count, format_row, group_digits, single_line
 
@@ -179,7 +180,7 @@ def list_verdict_rows(report: Report) -> list[tuple[str, str]]:
     )
     if report.quality is not None and report.counted.max_deviation_percent < EXACT_ERROR_TOL:
         average = f"{words}exact"
-    kept = [] if report.kept is None else [("data", text) for text in _describe_data(report)]
+    kept = [("data", text) for text in _describe_data(report)]
     better = [] if report.better is None else [("better", report.better + _format_gain(report))]
     deviation = report.counted.max_deviation_percent
     place = [] if deviation < EXACT_ERROR_TOL else [("look at", _describe_worst_place(report))]
@@ -220,8 +221,9 @@ def _describe_data(report: Report) -> list[str]:
 
     How far off missing data may be is what was measured on data that was hidden on purpose.
     """
-    kept, hidden = report.kept, report.hidden
-    assert kept is not None
+    kept, hidden, doubt = report.kept, report.hidden, describe_doubt(report)
+    if kept is None or not (kept.missing_percent or kept.rejected_percent):
+        return [doubt] if doubt else []
     missing, rejected = (
         f"{format_briefly(percent)} % of the"
         for percent in (kept.missing_percent, kept.rejected_percent)
@@ -230,15 +232,25 @@ def _describe_data(report: Report) -> list[str]:
     if hidden is not None:
         off = f" (others, hidden on purpose, are off by {_format_error(hidden.rms_percent)})"
     if kept.missing_percent and kept.rejected_percent:
-        return [
-            f"{missing} vertices are missing{off}, and {rejected} others rejected; neither counts "
-            "here"
-        ]
+        count = doubt or "neither counts here"
+        return [f"{missing} vertices are missing{off}, and {rejected} others rejected; {count}"]
+    count = doubt or "they do not count here"
     if kept.missing_percent:
-        return [f"{missing} vertices are missing; they do not count here{off}"]
-    if kept.rejected_percent:
-        return [f"{rejected} vertices are rejected; they do not count here"]
-    return []
+        return [f"{missing} vertices are missing; {count}{off}"]
+    return [f"{rejected} vertices are rejected; {count}"]
+
+
+def describe_doubt(report: Report) -> str:
+    """Say why a result is only fair whose figures are good; nothing of any other."""
+    if report.doubt is None:
+        return ""
+    reason = "the error of missing vertices is unknown"
+    if report.doubt == "torn":
+        reason = "pieces of the input jump apart from the surface around them"
+    if report.doubt == "rejected":
+        rms, largest = report.summary.rms_percent, report.summary.max_deviation_percent
+        reason = f"all data is off by {_format_error(rms)}, at most {_format_error(largest)}"
+    return f"{reason}, so {QUALITY_WORDS['fair']} at best"
 
 
 def _describe_worst_place(report: Report) -> str:
