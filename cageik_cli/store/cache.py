@@ -41,6 +41,7 @@ from cageik_cli.store.hdf5_fields import parse_record
 from cageik_cli.util import compiled
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.files import open_locked, remove_locked
+from cageik_cli.util.json_files import parse_json
 from cageik_cli.util.messages import Note
 from cageik_cli.util.outputs import clear_leftovers, make_unfinished_path
 from cageik_cli.util.version import __version__
@@ -170,7 +171,7 @@ class EntryFormat:
             if magic == self.magic and length <= os.fstat(file.fileno()).st_size:
                 text = file.read(length)
                 if _compute_digest([memoryview(text)]) == expected:
-                    header: dict[str, Any] = json.loads(text)
+                    header: dict[str, Any] = parse_json(text)
                     return header
         raise CorruptEntry("is damaged")
 
@@ -514,7 +515,7 @@ def find_fit(
         return {**arrays, "record": record}
 
     def from_entry(entry: Entry) -> FittedWeights:
-        record: FitRecord = parse_record(FitRecord, json.loads(entry["record"]), "fit")
+        record: FitRecord = parse_record(FitRecord, parse_json(entry["record"].encode()), "fit")
         change = Correction(entry["columns"], entry["basis"])
         rows, columns = binding.weights.shape
         _check_shape(entry["weights"], rows, columns)

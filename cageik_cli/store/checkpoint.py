@@ -40,6 +40,7 @@ from cageik_cli.store.result_fields import pack_reasons, unpack_reasons
 from cageik_cli.util.arrays import Mask
 from cageik_cli.util.errors import CheckpointError, FormatError, error_context, make_write_error
 from cageik_cli.util.files import open_input, open_locked, remove_locked, set_size
+from cageik_cli.util.json_files import parse_json
 from cageik_cli.util.messages import Hint, Said, Text, join_texts, say
 from cageik_cli.util.text import format_count
 from cageik_cli.util.version import __version__
@@ -564,9 +565,9 @@ def _unpack_columns(stream: io.BytesIO, count: int, types: Mapping[str, str]) ->
 def _parse_object(text: bytes) -> dict[str, Any]:
     """Return an object of JSON; raises ValueError for anything else."""
     try:
-        held = json.loads(text)
-    except RecursionError as error:
-        raise ValueError("nested too deeply") from error
+        held = parse_json(text)
+    except FormatError as error:
+        raise ValueError(str(error)) from error
     if not isinstance(held, dict):
         raise ValueError("not an object")
     return held

@@ -22,7 +22,7 @@ from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.mirror import are_pairs, find_mirror
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import FormatError, SettingError, error_context, join_truncated
-from cageik_cli.util.json_files import format_value
+from cageik_cli.util.json_files import format_value, parse_json
 from cageik_cli.util.messages import Note
 from cageik_cli.util.outputs import DeferredErrorFile
 from cageik_cli.util.text import single_line, to_unicode
@@ -142,17 +142,12 @@ def _make_plain(value: Any) -> Any:
 
 
 def read_json_attr(file: h5py.File, name: str, expected_type: type) -> Any:
-    """Read an attribute of JSON, whose numbers are all finite."""
+    """Read an attribute of JSON, within the limits of `parse_json`."""
     text = read_attribute(file, name)
     try:
-        value = json.loads(
-            text if isinstance(text, str) else "",
-            parse_float=_parse_finite,
-            parse_int=_parse_finite_integer,
-            parse_constant=_parse_finite,
-        )
+        value = parse_json(text.encode() if isinstance(text, str) else b"")
         json.dumps(value, ensure_ascii=False).encode()  # fails for invalid Unicode
-    except ValueError:
+    except (FormatError, ValueError):
         value = None
     if not isinstance(value, expected_type):
         raise FormatError(
@@ -217,18 +212,6 @@ def write_deflated(file: h5py.File, name: str, matrix: Floats) -> None:
     with OrderedMap(compress_chunk, starts, jobs, 2 * jobs) as parts:
         for start, data in zip(starts, parts, strict=True):
             dataset.id.write_direct_chunk((start, 0), data)
-
-
-def _parse_finite_integer(text: str) -> int:
-    _parse_finite(text)
-    return int(text)
-
-
-def _parse_finite(text: str) -> float:
-    value = float(text)
-    if not np.isfinite(value):
-        raise ValueError(f"{text} is not a finite number")
-    return value
 
 
 _KIND_NAMES = {

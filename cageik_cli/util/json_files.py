@@ -43,6 +43,10 @@ class JsonFormat:
     locate: Callable[[Any, Steps], str] = format_steps
 
 
+EMBEDDED_JSON = JsonFormat("plain values", 1 << 40)
+"""JSON inside other files, whose readers say in their own words what is wrong."""
+
+
 def read_json(path: Path, expected: JsonFormat) -> Any:
     """Read the content of a JSON file.
 
@@ -56,7 +60,7 @@ def read_json(path: Path, expected: JsonFormat) -> Any:
     return parse_json(read_input(path, expected.max_bytes, expected.name, is_json=True), expected)
 
 
-def parse_json(data: bytes, expected: JsonFormat) -> Any:
+def parse_json(data: bytes, expected: JsonFormat = EMBEDDED_JSON) -> Any:
     """Return the content of JSON that was read; who reads it keeps to the limit of size.
 
     Raises
@@ -129,7 +133,7 @@ def _check_containers(
             fault = f"has {format_value(repeated_keys[id(container)][1])} twice; keep one of them"
             raise _make_error(document, steps, fault, expected)
         for step, value in _list_items(container):
-            if isinstance(value, float) and not math.isfinite(value):
+            if isinstance(value, int | float) and not _is_finite(value):
                 fault = f"is {format_value(value)}, expected a finite number"
                 raise _make_error(document, (*steps, step), fault, expected)
         above.append(iter(_list_items(container)))
@@ -143,6 +147,14 @@ def _check_containers(
         del steps[len(above) - 1 :]
         steps.append(inner[0])
         container = inner[1]
+
+
+def _is_finite(number: float) -> bool:
+    """Return whether a number is finite; a whole one, as a float."""
+    try:
+        return math.isfinite(number)
+    except OverflowError:
+        return False
 
 
 def _list_items(container: Any) -> Iterable[tuple[str | int, Any]]:

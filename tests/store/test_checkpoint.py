@@ -563,6 +563,7 @@ def test_what_no_run_has_kept_is_refused(log, name, values):
     "spec",
     [
         b"[" * 100_000,
+        {**asdict(SPEC), "settings": json.loads('{"a":' * 17 + "1" + "}" * 17)},
         b"\xff",
         b"5",
         b"NaN",

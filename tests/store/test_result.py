@@ -313,6 +313,8 @@ DAMAGES = [
         for change in (
             without_attribute(name),
             attribute(name, "{"),
+            attribute(name, "[" * 20_000 + "]" * 20_000),
+            attribute(name, '{"a":' * 17 + "1" + "}" * 17),
             attribute(name, "3"),
             attribute(name, 3),
         )

@@ -43,6 +43,7 @@ FAULTS = {
     "not a number": (b'{"a": [1, NaN]}', "a[1]: is NaN, expected a finite number"),
     "infinite": (b"-Infinity", "is -Infinity, expected a finite number"),
     "too large a number": (b'{"a": {"b": 1e999}}', "a.b: is Infinity, expected a finite number"),
+    "too many digits": (b'{"a": 1' + b"0" * 400 + b"}", "a: is 1000000000"),
     "the first of several": (b'{"a": [{"b": NaN}, Infinity], "c": NaN}', "c: is NaN"),
     "twice": (b'{"a": 1, "b": 2, "a": 1}', 'has "a" twice'),
     "twice inside": (b'{"a": [0, {"b": 1, "c": 2, "c": 3}]}', 'a[1]: has "c" twice'),
