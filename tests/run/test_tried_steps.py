@@ -51,13 +51,13 @@ def test_a_fit_is_tried_on_a_clean_clip_and_outliers_are_rejected_on_another(set
     assert list_tried(thrown, capture=replace(thrown.capture, robust=True)) == []
 
 
-<<<<<<< HEAD
 def test_of_a_torn_surface_outliers_are_rejected_and_no_fit_is_tried(settings):
     torn = replace(settings, frames=("torn.npz",))
     assert list_tried(torn) == [Step.TORN]
     assert list_tried(torn, fit=True) == [Step.TORN]
     assert list_tried(torn, capture=replace(torn.capture, robust=True)) == []
-=======
+
+
 def test_both_trials_of_outliers_share_the_frames_that_are_read(settings, monkeypatch):
     """Once to look for outliers, once to reject them, and once to fit weights."""
     read, run, counts = MeshSequence.read_frame, tried_steps.StepTrials.run, Counter()
@@ -75,7 +75,6 @@ def test_both_trials_of_outliers_share_the_frames_that_are_read(settings, monkey
     monkeypatch.setattr(tried_steps.StepTrials, "run", run_counted)
     assert len(list_tried(replace(settings, frames=("thrown.npz",)))) == 2
     assert 1 <= max(counts.values()) <= 3
->>>>>>> 88b44aae (Try to reject outliers in fewer solves)
 
 
 def test_a_result_says_what_was_tried_only_if_something_was(settings):

@@ -13,7 +13,8 @@ from cageik_cli.report.views.data import format_csv, format_json
 KEYS = {
     "schema", "tool", "result", "edited_from", "sources", "settings", "notes", "clip", "binding",
     "summary", "vertices", "frames", "gates", "regions", "fit", "bound", "unfitted",
-    "kept", "filled", "parts", "quality", "better", "gain", "hidden", "baseline_name",
+    "kept", "filled", "parts", "quality", "better", "gain", "hidden", "is_torn",
+    "baseline_name",
 }  # fmt: skip
 CLIP = {"frames", "vertices", "cage_vertices", "diagonal", "closed"}
 BINDING = {"partition_of_unity", "linear_precision", "min_weight", "condition_number"}
