@@ -2,6 +2,7 @@
 
 import importlib
 import itertools
+import json
 import os
 import shutil
 import subprocess
@@ -9,12 +10,16 @@ import sys
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from click.testing import CliRunner
 from hypothesis import settings
+from jsonschema import Draft202012Validator
+from jsonschema.exceptions import best_match
 
+from cageik_cli.batch import run as batch_run
 from cageik_cli.cages.builder import build
 from cageik_cli.cli import main
 from cageik_cli.formats.gltf.file import GlbFile
@@ -23,6 +28,7 @@ from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.inputs import weights
 from cageik_cli.method.weights import harmonic
 from cageik_cli.method.weights.settings import BindSettings
+from cageik_cli.report.views import data, schema
 from cageik_cli.run import executor
 from cageik_cli.run.extraction import extract
 from cageik_cli.run.settings import ExtractSettings
@@ -104,6 +110,28 @@ def file_faults(validated_files) -> Iterator[list[str]]:
     found = validated_files.copy()
     validated_files.clear()
     assert not found
+
+
+@pytest.fixture(scope="session", autouse=True)
+def validated_records() -> Iterator[None]:
+    """All reports and records of batches, in all tests, are as their JSON schema says."""
+    validator = Draft202012Validator(json.loads(schema.format_schema()))
+    with pytest.MonkeyPatch.context() as monkeypatch:
+        monkeypatch.setattr(data, "format_json", _validate(data.format_json, validator))
+        write = _validate(data.format_overview_json, validator)
+        monkeypatch.setattr(data, "format_overview_json", write)
+        monkeypatch.setitem(batch_run.REPORT_FILES, "report.json", write)
+        yield
+
+
+def _validate(write: Callable[..., str], validator: Draft202012Validator) -> Callable[..., str]:
+    def write_and_validate(*arguments: Any) -> str:
+        text = write(*arguments)
+        best = best_match(validator.iter_errors(json.loads(text)))
+        assert best is None, f"{best.json_path}: {best.message[:300]}"
+        return text
+
+    return write_and_validate
 
 
 @pytest.fixture(scope="session")

@@ -78,6 +78,14 @@ class ReportTargets:
                 )
 
 
+def _print_schema(ctx: click.Context, _: click.Parameter, value: bool) -> None:
+    if value:
+        from cageik_cli.report.views.schema import format_schema
+
+        click.echo(format_schema(), nl=False)
+        ctx.exit()
+
+
 @click.command("report", cls=GroupedCommand)
 @click.argument("results", nargs=-1, type=PATH_TYPE)
 @OptionGroup(
@@ -112,6 +120,14 @@ class ReportTargets:
     option("--no-player", is_flag=True, help="Leave the player out of the page of --html."),
 )
 @OptionGroup("film", FilmSettings, *list_options(FilmSettings))
+@click.option(
+    "--schema",
+    is_flag=True,
+    is_eager=True,
+    expose_value=False,
+    callback=_print_schema,
+    help="Print the JSON schema of reports, batches and results, and exit.",
+)
 @click.option("--all", "has_all", is_flag=True, help="Print all figures, notes and regions.")
 @LIMIT_OPTIONS
 @overwrite_option
