@@ -27,6 +27,11 @@ def make_deform_settings(**values: Any) -> DeformSettings:
             refuse_options(("exclude",), message)
     has_morphs = values["morphs"] != MorphSettings(has_normals=True)
     check_morph_usage("--morphs, --tolerance and --flat", has_morphs, values["output"].path)
+    if values["texture"] != "png" and values["output"].path.suffix.lower() != ".vat":
+        raise click.UsageError(
+            "--texture applies to a folder of textures, and the output is "
+            f"{values['output'].path}; leave it out, or write .vat"
+        )
     return DeformSettings(compares=get_verbosity() > 0, **values)
 
 
@@ -61,8 +66,9 @@ def deform_command(settings: DeformSettings, quiet: bool) -> None:
 
     The cages of RESULT move its rest model, or another mesh. With --cages, RESULT may also be
     a binding. The suffix of OUT is the format: a file (.npz, .pc2, .mdd, .glb, .usd*, .abc), a
-    folder of frames (.obj, .ply), or numbered files in a folder. Points are written as .ply (the
-    default), .npz, .pc2 or .mdd, and splats as .ply (the default) or .usd*.
+    folder of textures for shaders (.vat) or of frames (.obj, .ply), or numbered files in a
+    folder. Points are written as .ply (the default), .npz, .pc2 or .mdd, and splats as .ply (the
+    default) or .usd*.
     --frames, --layout, --allow-gaps and --close-gaps apply to --cages, and --exclude to parts of
     --mesh and --cages.
     """

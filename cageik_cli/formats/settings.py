@@ -15,6 +15,9 @@ UP_AXES = ("Y", "Z")
 JOINT_MOTIONS = ("turn", "translate")
 """How the joints of a skeleton move: they also turn, as normals do with them, or they do not."""
 
+TEXTURES = ("png", "exr")
+"""Formats of the images of vertex animation textures."""
+
 ROOT_MOTIONS = ("keep", "extract")
 """How the root of a skeleton moves: with the whole body, or along the ground."""
 

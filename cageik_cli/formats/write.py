@@ -129,6 +129,14 @@ class Output:
         return self.path if self.is_folder or self.frame_names is None else self.path.parent
 
     @property
+    def _is_own_name(self) -> Callable[[str], bool] | None:
+        """What tells the names of files in the folder that is written; None for a file."""
+        if self.frame_names is not None:
+            return self.frame_names.matches
+        names = self.find_writer().name_files(self.path.stem)
+        return names.__contains__ if names else None
+
+    @property
     def offset_path(self) -> Path:
         """The file beside it that holds the offset of an animation that was moved."""
         return self.target_path.with_name(f"{self.target_path.name}.offset.json")
@@ -176,10 +184,10 @@ class Output:
         if self.makes_folder and not folder.exists():
             check_folder_writable(folder, overwrite=False, is_output_name=lambda name: False)
             return
-        if self.frame_names is None:
+        if self._is_own_name is None:
             check_writable(self.path, self.overwrite)
         else:
-            check_folder_writable(self.target_path, self.overwrite, self.frame_names.matches)
+            check_folder_writable(self.target_path, self.overwrite, self._is_own_name)
         if self.recentre:
             check_writable(self.offset_path, self.overwrite)
 
@@ -207,14 +215,14 @@ class Output:
     @contextmanager
     def _open_unfinished(self) -> Iterator[Path]:
         """Yield a temporary name for the writer; the output is renamed when it is complete."""
-        names = self.frame_names
+        names, is_own_name = self.frame_names, self._is_own_name
         with self._make_folder():
-            if names is None:
+            if is_own_name is None:
                 with atomic_path(self.path, self.overwrite) as path:
                     yield path
             else:
-                with atomic_folder(self.target_path, self.overwrite, names.matches) as folder:
-                    yield folder / names.pattern
+                with atomic_folder(self.target_path, self.overwrite, is_own_name) as folder:
+                    yield folder / (names.pattern if names is not None else self.path.name)
 
     @contextmanager
     def _make_folder(self) -> Iterator[None]:

@@ -86,6 +86,7 @@ class _Deformation:
             scene=settings.scene.override(scene),
             name=name,
             morphs=settings.morphs,
+            texture=settings.texture,
         )
         return replace(self._write(output, animation), unit=self._model.unit)
 

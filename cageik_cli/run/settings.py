@@ -9,6 +9,7 @@ from cageik_cli.captured.settings import CaptureSettings
 from cageik_cli.fit.settings import FitSettings
 from cageik_cli.formats.settings import (
     ROOT_MOTIONS,
+    TEXTURES,
     ClipSettings,
     MorphSettings,
     RestFrame,
@@ -387,6 +388,13 @@ class DeformSettings(CommandSettings):
         group=HelpGroup.WRITTEN,
     )
     morphs: MorphSettings = declare_group(MorphSettings(has_normals=True))
+    texture: str = declare_setting(
+        "png",
+        "Format of the textures of a folder OUT.vat: 16 bits of .png, or 32 of .exr, for Godot "
+        "and web pages.",
+        choices=TEXTURES,
+        group=HelpGroup.WRITTEN,
+    )
     memory: int = declare_memory()
     jobs: int = 1
     compares: bool = False

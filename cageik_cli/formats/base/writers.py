@@ -39,6 +39,8 @@ class Animation:
         Name of the object, for formats that name objects: letters, digits and underscores.
     morphs : MorphSettings
         How a format of morph targets follows the frames.
+    texture : str
+        Format of the images, where frames are textures: one of `TEXTURES`.
     origin : tuple of float
         What was subtracted from the rest pose, and is from all positions that are written.
     guide : str
@@ -50,6 +52,7 @@ class Animation:
     scene: Scene
     name: str
     morphs: MorphSettings = field(default_factory=MorphSettings)
+    texture: str = "png"
     origin: tuple[float, float, float] = (0.0, 0.0, 0.0)
     guide: str = ""
 
@@ -146,6 +149,11 @@ class AnimationWriter(ABC):
         """What is open until the output is complete, or given up; nothing by default."""
         return ExitStack()
 
+    @classmethod
+    def name_files(cls, name: str) -> tuple[str, ...]:
+        """Return the names of the files in a folder `name`; none where it writes a file, or frames."""
+        return ()
+
     @classmethod  # noqa: B027  # most need no other library
     def require_libraries(cls) -> None:
         """Raise MissingLibraryError, with what to install, if a needed library is missing."""
@@ -154,7 +162,8 @@ class AnimationWriter(ABC):
     def __init__(self, target: Path, animation: Animation) -> None:
         """Start writing to `target`, whose suffix is one of `suffixes`.
 
-        In a folder of files, the name of `target` is their pattern, see `FrameNames`.
+        In a folder of files per frame, the name of `target` is their pattern, see `FrameNames`; in
+        another folder of files, it is that of the folder.
 
         Raises
         ------

@@ -259,6 +259,13 @@ class VectorSpool:
         self._file.readinto(block.data)
         return block.astype(np.float64)
 
+    def read_part(self, frame: int, start: int, stop: int) -> Floats:
+        """Return the vectors of some vertices in a frame, (k, width)."""
+        rows = np.empty((stop - start, self.width), np.float32)
+        self._file.seek(4 * self.width * (frame * self.vertex_count + start))
+        self._file.readinto(rows.data)
+        return rows.astype(np.float64)
+
     def close(self) -> None:
         """Delete the temporary file."""
         self._file.close()
