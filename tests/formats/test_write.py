@@ -151,7 +151,7 @@ def test_what_is_there_is_kept(tmp_path):
     assert (tmp_path / "posed.obj").read_text() == "mine"
 
 
-OWN = ("a.npz", "a.pc2", "a.mdd", "a.glb", "a/a_####.obj", "a/a_%04d.ply")
+OWN = ("a.npz", "a.pc2", "a.mdd", "a.glb", "a.vat", "a/a_####.obj", "a/a_%04d.ply")
 """Without the library of another, which has its own words for a full disk, or ends the process."""
 
 OUTPUTS = (*OWN, "a.abc", *(f"a{suffix}" for suffix in USD_SUFFIXES))

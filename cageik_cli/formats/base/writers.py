@@ -151,7 +151,7 @@ class AnimationWriter(ABC):
 
     @classmethod
     def name_files(cls, name: str) -> tuple[str, ...]:
-        """Return the names of the files in a folder `name`; none where it writes a file, or frames."""
+        """Return the names of files in a folder `name`; none where it writes a file or frames."""
         return ()
 
     @classmethod  # noqa: B027  # most need no other library
