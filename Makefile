@@ -106,10 +106,12 @@ test-gltf: $(READY)  ## Validate every .glb that tests write by the Khronos vali
 	npm install --silent --no-audit --no-fund --no-save --prefix build/gltf gltf-validator@2.0.0-dev.3.10
 	$(PYTEST) -m "not slow and not bench" tests/formats tests/cli tests/run
 
-test-browser: $(READY)  ## Open the pages in Chromium, and use them by mouse and keyboard
+test-browser: $(READY)  ## Open the pages and textures in Chromium, by mouse and keyboard; needs npm
 	@command -v $(CHROMIUM) >/dev/null || { \
 		echo "$(CHROMIUM): no such program; install Chromium or Chrome, or name it:" \
 			"make test-browser CHROMIUM=/path/to/chrome" >&2; exit 1; }
+	@command -v npm >/dev/null || { echo "npm: no such program; install Node.js, which has it" >&2; exit 1; }
+	npm install --silent --no-audit --no-fund --no-save --prefix build/browser three@0.187.0 fast-png@8.0.0
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check playwright axe-playwright-python
 	CHROMIUM="$$(command -v $(CHROMIUM))" $(BIN)/python -m pytest tests/browser -m browser
 

@@ -16,6 +16,7 @@ from cageik_cli.util.errors import OutputError
 from cageik_cli.util.progress import ProgressListener
 from tests.character import make_character
 from tests.formats.vat.shader import draw
+from tests.formats.vat.truth import SCENES, Z_UP, angle_between, list_triangles, shade
 from tests.formats.written import bytes_under, write
 from tests.listeners import Listener
 from tests.shapes import ball, box, rotation
@@ -23,15 +24,6 @@ from tests.surfaces import ASSET, change
 
 pytest.importorskip("png")
 pytest.importorskip("OpenEXR")
-
-Z_UP = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
-"""Rows with z up times it have y up: (x, y, z) becomes (x, z, -y)."""
-
-SCENES = {
-    "metres, y up": (Scene(), np.eye(3)),
-    "centimetres, z up": (Scene(up_axis="Z", metres_per_unit=0.01), 0.01 * Z_UP),
-}
-"""Scenes, and what brings rows of theirs into metres with y up."""
 
 
 def open_sheet():
@@ -79,48 +71,6 @@ def bend(mesh, count):
         )  # fmt: skip
         frames.append(middle + mesh.diagonal * rows)
     return np.array(frames)
-
-
-def list_triangles(mesh):
-    """The triangles in the order of primitives: by part, then by material."""
-    attributes = mesh.polygons
-    material = np.zeros(len(mesh.faces), int)
-    if attributes.materials is not None:
-        material = attributes.materials.indices[attributes.triangle_polygons]
-    part = np.zeros(len(mesh.faces), int)
-    if attributes.parts is not None:
-        ends = np.cumsum(
-            [len(each.mesh.faces) for each in Animation(mesh, 1, Scene(), "a").split()]
-        )
-        part = np.searchsorted(ends, np.arange(len(mesh.faces)), side="right")
-    return np.lexsort([material, part])
-
-
-def shade(mesh, positions):
-    """The normal of each corner of each triangle, (t, 3, 3), from the areas of polygons."""
-    attributes = mesh.polygons
-    fans, sums, numbers = attributes.normal_fans, {}, {}
-    for k, (start, count) in enumerate(
-        zip(attributes.starts, attributes.corner_counts, strict=True)
-    ):
-        vertices = attributes.corners[start : start + count].tolist()
-        points = positions[vertices]
-        area = np.cross(points[1:-1] - points[0], points[2:] - points[0]).sum(axis=0)
-        own = vertices if fans is None else fans[start : start + count].tolist()
-        for vertex, fan in zip(vertices, own, strict=True):
-            numbers[k, vertex] = fan
-            sums[fan] = sums.get(fan, 0) + area
-    found = [
-        [sums[numbers[k, vertex]] for vertex in face]
-        for k, face in zip(attributes.triangle_polygons.tolist(), mesh.faces.tolist(), strict=True)
-    ]
-    return found / np.linalg.norm(found, axis=-1)[..., None]
-
-
-def angle_between(found, expected):
-    """Degrees, the largest."""
-    across = np.linalg.norm(np.cross(found, expected), axis=-1)
-    return np.degrees(np.arctan2(across, (found * expected).sum(axis=-1))).max()
 
 
 def corners(drawn, values):
