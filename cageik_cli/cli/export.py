@@ -47,8 +47,8 @@ def export_command(settings: ExportSettings, quiet: bool) -> None:
     """Convert a cage animation to other formats.
 
     The cages of RESULT are written to OUT, whose suffix is the format: a file (.npz, .pc2, .mdd,
-    .glb, .usd*, .abc), a folder of frames (.obj, .ply), or numbered files in a folder, such as
-    cage/cage_####.obj.
+    .glb, .usd*, .abc), a folder of frames (.obj, .ply) or of textures (.vat), or numbered files
+    in a folder, such as cage/cage_####.obj.
     """
     from cageik_cli.cli.output import format_command_output, show_progress
     from cageik_cli.run.export import export

@@ -388,6 +388,8 @@ WRONG = {
         "cages.h5 -o m.npz --fps nan": "nan frames per second",
         "cages.h5 -o m.npz --morphs 9": "m.npz",
         "cages.h5 -o m.npz --flat": "m.npz",
+        "cages.h5 -o m.npz --texture exr": ".vat",
+        "cages.h5 -o m.vat --texture tif": "'tif'",
         "cages.h5 -o m --tolerance 1%": ".glb",
         **{f"cages.h5 -o m.npz {words}": words.split()[0] for words in REPEATED},
     },

@@ -90,6 +90,7 @@ COMMANDS = (
     Command("export abc", ("export", "r.h5", "out.abc"), ("out.abc",), may_abort=True,
             repeats_calls=False),
     Command("deform", ("deform", "r.h5", "-o", "out.pc2"), ("out.pc2",)),
+    Command("deform vat", ("deform", "r.h5", "-o", "out.vat"), ("out.vat",)),
     Command("pose", ("pose", "rest.obj", "handles.json", "--cage", "cage.obj", "-o", "out.obj",
                      "--cage-out", "cages.obj"), ("out.obj", "cages.obj"),
             (("cage.obj", "wide.obj"),)),
