@@ -21,6 +21,7 @@ from cageik_cli.formats.base.writers import (
     get_positions,
     shift_positions,
 )
+from cageik_cli.formats.scene_conversion import SceneConversion
 from cageik_cli.formats.settings import Scene
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.parts import Part, join_meshes, split_parts
@@ -308,8 +309,9 @@ def write_animation(
             done += len(block)
             progress.update(done, animation.frame_count)
     if output.recentre:
-        # What is to be added to every position.
-        offset = json.dumps({"offset": animation.origin}) + "\n"
+        # What is to be added to every position in the file.
+        conversion = SceneConversion.of_output(animation.scene, output.find_writer().space)
+        offset = json.dumps({"offset": conversion.apply(origin).tolist()}) + "\n"
         for each in outputs:
             write_bytes(each.offset_path, offset.encode(), output.overwrite)
         progress.note("note", f"{path.name}: moved to the origin, offset in {output.offset_path}")

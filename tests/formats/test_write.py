@@ -242,7 +242,7 @@ def test_a_disk_that_is_full_anywhere_is_said(tmp_path, animation, name):
         assert [item.name for item in tmp_path.iterdir()] == [place(path).name]
 
 
-@pytest.mark.parametrize("name", ["a.pc2", "a.mdd", "a.glb", "a.abc", "a.usda", "a.usdz"])
+@pytest.mark.parametrize("name", ["a.pc2", "a.mdd", "a.glb", "a.vat", "a.abc", "a.usda", "a.usdz"])
 @pytest.mark.parametrize("size", [1e39, -1e39])
 def test_what_float32_does_not_hold_is_refused(tmp_path, animation, name, size):
     with pytest.raises(OutputError, match=r"e\+39 is too large"):

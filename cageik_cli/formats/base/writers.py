@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cageik_cli.formats.base.file_numbers import FrameNames
-from cageik_cli.formats.settings import MorphSettings, Scene
+from cageik_cli.formats.settings import MorphSettings, Scene, SceneHints
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.parts import Part, split_parts
 from cageik_cli.util.arrays import Floats
@@ -132,6 +132,8 @@ class AnimationWriter(ABC):
         transform stays.
     states_unit : bool
         Whether it says how long a unit is, which programs then follow.
+    space : SceneHints
+        The unit and the up axis that it brings positions into; those of the scene if they are open.
     notes : tuple of str or Text
         What a user must know about the output, one sentence each.
     """
@@ -142,6 +144,7 @@ class AnimationWriter(ABC):
     keeps_parts: bool = False
     is_in_part_space: bool = False
     states_unit: bool = False
+    space: SceneHints = SceneHints()
     notes: tuple[Said, ...] = ()
 
     @cached_property

@@ -29,9 +29,6 @@ from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import require_optional
 from cageik_cli.util.text import group_digits
 
-SPACE = SceneHints(up_axis="Y", metres_per_unit=1.0)
-"""That of the mesh, as glTF has it."""
-
 TO_TEXTURE = SceneConversion(axes=("Y", "Z"))
 """From the mesh to the axes of textures, which are those of Blender."""
 
@@ -51,6 +48,7 @@ class Writer(AnimationWriter):
     is_single = True
     keeps_parts = True
     states_unit = True
+    space = SceneHints(up_axis="Y", metres_per_unit=1.0)  # of the mesh, as glTF has it
 
     @classmethod
     def name_files(cls, name: str) -> tuple[str, ...]:
@@ -66,7 +64,7 @@ class Writer(AnimationWriter):
 
     def __init__(self, target: Path, animation: Animation) -> None:
         self._folder, self._name = target.parent, target.stem
-        self._conversion = SceneConversion.of_output(animation.scene, SPACE)
+        self._conversion = SceneConversion.of_output(animation.scene, self.space)
         self._animation = self._conversion.convert_animation(animation)
         rest = shade_smoothly(self._animation.rest)
         self._rest = to_float32(rest.vertices).astype(np.float64)

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from cageik_cli.formats.base.writers import Animation
-from cageik_cli.formats.settings import Scene
+from cageik_cli.formats.settings import TEXTURES, Scene
 from cageik_cli.formats.vat import layout as layouts
+from cageik_cli.formats.vat.writer import IMAGES
 from cageik_cli.formats.write import Output, write_animation
 from cageik_cli.geometry.attributes import number_normal_fans
 from cageik_cli.geometry.mesh import TriMesh
@@ -197,3 +198,21 @@ def test_a_large_side_is_noted(tmp_path, monkeypatch):
     animation = Animation(mesh, 3, Scene(), "a")
     write_animation(Output(tmp_path / "a.vat"), animation, iter([bend(mesh, 3)]), listener)
     assert any("more than 8 texels" in str(text) for _, text in listener.notes)
+
+
+def test_each_format_of_textures_has_an_encoder():
+    assert set(IMAGES) == set(TEXTURES)
+
+
+@pytest.mark.parametrize("scene", SCENES)
+def test_the_offset_of_what_was_moved_is_in_the_space_of_the_mesh(tmp_path, scene):
+    mesh, (settings, change) = MESHES["closed"], SCENES[scene]
+    far = TriMesh(mesh.vertices + np.array([4000.0, 300, 20]), mesh.faces)
+    frames = bend(far, 3)
+    output = Output(tmp_path / "a.vat", recentre=True)
+    animation = Animation(far, 3, settings, "a", texture="exr")
+    write_animation(output, animation, iter([frames]), ProgressListener())
+    offset = json.loads((tmp_path / "a.vat.offset.json").read_text())["offset"]
+    found = corners(draw(tmp_path / "a.vat"), "positions") + offset
+    allowed = 1e-6 * mesh.diagonal * settings.metres_per_unit
+    np.testing.assert_allclose(found, (frames @ change)[:, far.faces], rtol=1e-12, atol=allowed)
