@@ -57,12 +57,13 @@ class VectorTargets:
 class GlbFile:
     """Arrays of a GLB file, which are described by accessors, and the scene over them.
 
-    Arrays are kept in a temporary file beside `target` until that is complete.
+    Arrays are kept in a temporary file until `target` is complete: in `folder`, or beside it.
     """
 
-    def __init__(self, target: Path) -> None:
+    def __init__(self, target: Path, folder: Path | None = None) -> None:
         self._target = target
-        self._data = tempfile.TemporaryFile(dir=target.parent)  # noqa: SIM115  # until complete
+        place = folder or target.parent
+        self._data = tempfile.TemporaryFile(dir=place)  # noqa: SIM115  # until complete
         self._size = 0
         self._views: list[object] = []
         self._accessors: list[object] = []

@@ -77,13 +77,12 @@ class Writer(AnimationWriter):
         self._layout = TextureLayout.choose(len(self._chosen), animation.frame_count)
         # Of offsets in the axes of the texture, and of positions in those of the mesh.
         self._bounds = [np.full((2, 3), [[np.inf], [-np.inf]]) for _ in range(2)]
+        beside = self._folder.parent  # as all in the folder is kept
         with ExitStack() as stack:
-            self._moves, self._normals = (
-                VectorSpool(self._folder, len(self._chosen)) for _ in range(2)
-            )
+            self._moves, self._normals = (VectorSpool(beside, len(self._chosen)) for _ in range(2))
             for spool in (self._moves, self._normals):
                 stack.callback(spool.close)
-            self._file = GlbFile(self._folder / f"{self._name}.glb")
+            self._file = GlbFile(self._folder / f"{self._name}.glb", beside)
             stack.callback(self._file.close)
             self._open = stack.pop_all()
 
