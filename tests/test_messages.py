@@ -139,7 +139,7 @@ MESSAGES = {
         ["deform", "cages.h5", "-o", "mesh.xyz"],
         1,
         "Error: mesh.xyz: `.xyz` is not an animation format that can be written, expected "
-        ".abc, .glb, .mdd, .npz, .obj, .pc2, .ply, .usd, .usda, .usdc, .usdz",
+        ".abc, .glb, .mdd, .npz, .obj, .pc2, .ply, .usd, .usda, .usdc, .usdz, .vat",
     ),
     "no such vertex": (
         POSE,
