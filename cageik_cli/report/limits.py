@@ -4,7 +4,6 @@ A metric is compared as it is printed, so that readers see the numbers that were
 an earlier run are read from the JSON of a report, of several, or of a batch.
 """
 
-import math
 import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -451,7 +450,7 @@ def _iterate_results(document: Any) -> Iterator[tuple[str, dict[str, float | Non
 def _check_units(held: dict[str, Any]) -> None:
     """Refuse lengths without a unit, written by hand where a report has percent."""
     for metric, spellings in LENGTH_SPELLINGS.items():
-        bare = [key for key in spellings if _parse_finite(held.get(key)) is not None]
+        bare = [key for key in spellings if _parse_number(held.get(key)) is not None]
         if bare and SUMMARY_FIELDS[metric] not in held:
             value, option = format_value(held[bare[0]]), spellings[0]
             raise SettingError(
@@ -494,7 +493,7 @@ def _parse_metrics(record: dict[str, Any]) -> dict[str, float | None]:
         if is_change and value is None and name in summary:
             metrics[metric] = None
             continue
-        size = _parse_finite(value)
+        size = _parse_number(value)
         if size is None or (size < 0 and not is_change):
             expected = " or null" if is_change else ", zero or above"
             raise FormatError(
@@ -504,15 +503,10 @@ def _parse_metrics(record: dict[str, Any]) -> dict[str, float | None]:
     return metrics
 
 
-def _parse_finite(value: Any) -> float | None:
-    """Return a JSON number as a float; None if it is no number, or too large for a float."""
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        return None
-    try:
-        number = float(value)
-    except OverflowError:
-        return None
-    return number if math.isfinite(number) else None
+def _parse_number(value: Any) -> float | None:
+    """Return a number of `parse_json`, which are finite, as a float; None if it is none."""
+    is_number = isinstance(value, int | float) and not isinstance(value, bool)
+    return float(value) if is_number else None
 
 
 def _get_member(record: dict[str, Any], name: str, kind: type) -> Any:
