@@ -208,7 +208,7 @@ def _plan_exports(settings: ExtractSettings, paths: tuple[Path, ...]) -> list[Ex
     from cageik_cli.run.export import check_export
 
     outputs = [Output(path, overwrite=settings.overwrite) for path in paths]
-    planned = [ExportSettings(settings.output, output) for output in outputs]
+    planned = [ExportSettings((settings.output,), output) for output in outputs]
     for one in planned:
         check_export(one)
     return planned

@@ -8,7 +8,7 @@ result are as far from a few of its frames as is recorded.
 
 import hashlib
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
 
@@ -35,15 +35,14 @@ MAX_ERROR_CHANGE = 1e-3
 
 
 class InputFrames(Reconstruction):
-    """The frames of a clip in place of what the cages give; filled gaps are as the cages have them.
+    """The frames of clips in place of what the cages give; filled gaps are as the cages have them.
 
     Parameters
     ----------
     reconstruction : Reconstruction
         Of the cages.
-    clip : MeshSequence
-    places : list of int
-        Where in the clip each frame is.
+    places : list of (MeshSequence, int)
+        In which clip each frame is, and where.
     jobs : int
         Threads that read frames ahead.
     vertices : (k,) int64, optional
@@ -53,33 +52,40 @@ class InputFrames(Reconstruction):
     def __init__(
         self,
         reconstruction: Reconstruction,
-        clip: MeshSequence,
-        places: list[int],
+        places: list[tuple[MeshSequence, int]],
         jobs: int = 1,
         vertices: Integers | None = None,
     ) -> None:
         super().__init__(reconstruction.binding, reconstruction.cages)
-        self._reconstruction, self._clip, self._places = reconstruction, clip, places
+        self._reconstruction, self._places = reconstruction, places
         self._jobs, self._vertices = jobs, vertices
 
     def take(self, binding: Binding, vertices: Integers) -> "InputFrames":
         """Return the frames of some vertices, (k,), of which `binding` is."""
         reconstruction = Reconstruction(binding, self.cages)
-        return InputFrames(reconstruction, self._clip, self._places, self._jobs, vertices)
+        return InputFrames(reconstruction, self._places, self._jobs, vertices)
+
+    @staticmethod
+    def join(clips: "Sequence[InputFrames]", reconstruction: Reconstruction) -> "InputFrames":
+        """Return the frames of several clips, one after another, whose cages are joined."""
+        places = [place for clip in clips for place in clip._places]
+        return InputFrames(reconstruction, places, clips[0]._jobs)
 
     def read_frame(self, index: int) -> Floats:
         """Return the mesh (m, 3) of a frame that fills no gap."""
         return self._read(int(self.cages.known[index]))
 
     def hash_frames(self) -> str:
-        """Return a digest of the clip, of the frames and vertices of it, and of the cages."""
+        """Return a digest of the clips, of the frames and vertices of them, and of the cages."""
         chosen = [] if self._vertices is None else self._vertices.tolist()
-        source = self._clip.describe_source()["sha256"]
-        values = [super().hash_frames(), source, self._places, chosen]
+        clips = dict.fromkeys(clip for clip, _ in self._places)
+        sources = [clip.describe_source()["sha256"] for clip in clips]
+        values = [super().hash_frames(), sources, [place for _, place in self._places], chosen]
         return hashlib.sha256(json.dumps(values).encode()).hexdigest()
 
     def _read(self, frame: int) -> Floats:
-        mesh = self._clip.read_frame(self._places[frame])
+        clip, place = self._places[frame]
+        mesh = clip.read_frame(place)
         return mesh if self._vertices is None else mesh[self._vertices]
 
     def blocks(self, size: int) -> Iterator[JointPoses]:
@@ -119,8 +125,8 @@ def find_input(result: Result, reconstruction: Reconstruction, jobs: int = 1) ->
             numbers = {name: number for number, name in enumerate(clip.names)}
             is_input = clip.describe_source() == result.sources["frames"]
             if is_input and all(name in numbers for name in result.frames):
-                places = [numbers[name] for name in result.frames]
-                found = InputFrames(reconstruction, clip, places, jobs)
+                places = [(clip, numbers[name]) for name in result.frames]
+                found = InputFrames(reconstruction, places, jobs)
                 if _is_as_far(result, reconstruction, found):
                     return found
     return None

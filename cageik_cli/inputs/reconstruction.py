@@ -2,11 +2,11 @@
 
 import hashlib
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import cycle
+from itertools import chain, cycle
 from typing import Any
 
 import numpy as np
@@ -80,6 +80,27 @@ class CageFrames:
             read=lambda frame: next(read_cages(result, 1, frame))[0],
             blocks=lambda size: read_cages(result, size),
             rotations=read_rotations(result) if is_turned else None,
+        )
+
+    @staticmethod
+    def join(clips: "Sequence[CageFrames]") -> "CageFrames":
+        """Return the cages of several clips of one binding, one after another."""
+        if len(clips) == 1:
+            return clips[0]
+        ends = np.cumsum([clip.count for clip in clips])
+        starts = [0, *ends[:-1].tolist()]
+
+        def read(frame: int) -> Floats:
+            k = int(np.searchsorted(ends, frame, side="right"))
+            return clips[k].read(frame - starts[k])
+
+        turned = [clip.rotations for clip in clips if clip.rotations is not None]
+        return CageFrames(
+            count=int(ends[-1]),
+            known=np.concatenate([k + clip.known for k, clip in zip(starts, clips, strict=True)]),
+            read=read,
+            blocks=lambda size: chain.from_iterable(clip.blocks(size) for clip in clips),
+            rotations=np.concatenate(turned) if turned else None,
         )
 
     def convert(self, conversion: SceneConversion) -> "CageFrames":

@@ -1,12 +1,12 @@
 """Export the cages of a result in another format."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 
 import numpy as np
 
-from cageik_cli.formats.base.writers import Animation, name_root, nest_names
+from cageik_cli.formats.base.writers import Animation, NamedClip, name_root, nest_names
 from cageik_cli.formats.gltf.skeleton import MAX_INFLUENCES
 from cageik_cli.formats.gltf.skeleton import SkeletonWriter as GltfSkeletonWriter
 from cageik_cli.formats.scene_conversion import SceneConversion
@@ -30,17 +30,17 @@ from cageik_cli.formats.write import (
 )
 from cageik_cli.geometry.parts import join_meshes, split_parts
 from cageik_cli.inputs.caged_model import CagedModel, report_skipped_frames
-from cageik_cli.inputs.input_frames import find_input, is_clean
 from cageik_cli.inputs.reconstruction import Reconstruction
-from cageik_cli.run.rig import check_rig, keeps_weights, make_rig, measure_input_rms
+from cageik_cli.run.clips import find_inputs, join_clips, measure_rms, name_clips, read_clips
+from cageik_cli.run.rig import Rig, check_rig, keeps_weights, make_rig, measure_input_rms
 from cageik_cli.run.settings import ExportSettings
-from cageik_cli.store.result import Result, StoredAnimation, read_animation, read_cages
+from cageik_cli.store.result import StoredAnimation, read_animation, read_cages
 from cageik_cli.util.arrays import Floats, count_frames
 from cageik_cli.util.errors import SettingError
 from cageik_cli.util.messages import Hint, join_texts, say
 from cageik_cli.util.outputs import check_no_overlap
 from cageik_cli.util.progress import ProgressListener
-from cageik_cli.util.text import group_digits
+from cageik_cli.util.text import format_count, group_digits
 from cageik_cli.util.threads import count_processors, limit_blas_threads
 
 MAX_EXPORT_BYTES = 1 << 26
@@ -48,10 +48,11 @@ MAX_EXPORT_BYTES = 1 << 26
 
 
 def export(settings: ExportSettings, progress: ProgressListener | None = None) -> ExportSummary:
-    """Write the cage animation of a result."""
+    """Write the cage animation of a result, or one skeleton with the motions of several."""
     progress = progress or ProgressListener()
     check_export(settings)
-    result = read_animation(settings.result)
+    results = [read_animation(path) for path in settings.results]
+    result = results[0]
     if settings.is_rest_cage:
         return _write_rest_cage(settings, result, progress)
     animation = Animation(
@@ -61,9 +62,10 @@ def export(settings: ExportSettings, progress: ProgressListener | None = None) -
         name="cage",
         morphs=settings.morphs,
     )
-    report_skipped_frames(result, progress)
+    for each in results:
+        report_skipped_frames(each, progress)
     if settings.skeleton:
-        return _write_skeleton(settings, result, animation, progress)
+        return _write_skeleton(settings, results, animation, progress)
     if settings.with_model:
         return _write_with_model(settings, result, animation, progress)
     blocks = read_cages(result, count_frames(MAX_EXPORT_BYTES, len(result.cage.vertices)))
@@ -134,61 +136,75 @@ def write_converted(
 
 def _write_skeleton(
     settings: ExportSettings,
-    result: StoredAnimation,
+    results: Sequence[StoredAnimation],
     animation: Animation,
     progress: ProgressListener,
 ) -> ExportSummary:
-    """Write the rest pose of a result, skinned to a joint per cage vertex."""
-    target, jobs = _read_skeleton(result, settings), count_processors()
-    is_kept = keeps_weights(target.binding, settings.influences, settings.joints)
-    if isinstance(result, Result) and is_clean(result) and not is_kept:
-        found = find_input(result, target, jobs)
-        if found is None:
-            progress.note(
-                "note",
-                f"{settings.output.path.name}: the skin follows what the cages give; put the input "
-                f"of {result.path.name} beside it, and it follows that",
-            )
-        target = found or target
+    """Write the rest pose of results, skinned to a joint per cage vertex, with all their motions.
+
+    The animation is that of the first result.
+    """
+    result, name, jobs = results[0], settings.output.path.name, count_processors()
+    clips: Sequence[Reconstruction] = _read_skeleton(results, settings)
+    if not keeps_weights(clips[0].binding, settings.influences, settings.joints):
+        clips = find_inputs(results, clips, name, progress, jobs)
     rig = make_rig(
         result,
-        target,
+        join_clips(clips),
         progress,
         influences=settings.influences,
-        name=settings.output.path.name,
+        name=name,
         joints=settings.joints,
         is_shaded=True,
         compares=settings.compares,
-        input_rms=measure_input_rms(result),
+        input_rms=measure_rms(results),
         jobs=jobs,
         cache=settings.cache,
     )
-    animation = replace(animation, rest=rig.cage)
+    named = _describe_clips(settings, results, rig, progress) if len(results) > 1 else ()
+    count = sum(len(each.frames) for each in results)
+    animation = replace(animation, rest=rig.cage, frame_count=count, clips=named)
     skin, places = rig.stream(turns=settings.joints != "translate")
     skin = SceneConversion.of_output(animation.scene, settings.to).convert_skin(skin)
+    is_extracted = settings.root_motion == "extract"
     if settings.output.path.suffix.lower() in GltfSkeletonWriter.suffixes:
         make_writer: WriterFactory = partial(
             GltfSkeletonWriter,
             skin=skin,
-            is_extracted=settings.root_motion == "extract",
+            is_extracted=is_extracted,
             tolerance=settings.morphs.tolerance,
             is_quantized=settings.quantize,
         )
     else:
         make_writer = partial(
-            UsdSkeletonWriter,
-            skin=skin,
-            has_cage=settings.with_model,
-            is_extracted=settings.root_motion == "extract",
+            UsdSkeletonWriter, skin=skin, has_cage=settings.with_model, is_extracted=is_extracted
         )
         animation = replace(animation, guide=animation.name if settings.guide else "")
     with limit_blas_threads(1):  # the last digits of the cages depend on it
         summary = write_converted(
             settings.output, settings.to, animation, places, progress, make_writer
         )
-    return replace(
-        summary, unit=f"joints that move {group_digits(len(result.rest.vertices))} vertices"
-    )
+    moved = f"joints that move {group_digits(len(result.rest.vertices))} vertices"
+    return replace(summary, unit=moved + (f", in {len(results)} clips" if named else ""))
+
+
+def _describe_clips(
+    settings: ExportSettings,
+    results: Sequence[StoredAnimation],
+    rig: Rig,
+    progress: ProgressListener,
+) -> tuple[NamedClip, ...]:
+    """Return the clips of several results, and note the errors that the rig has in each."""
+    clips, start = [], 0
+    for name, result in zip(name_clips(results), results, strict=True):
+        stop = start + len(result.frames)
+        error, text = rig.describe_clip(slice(start, stop), measure_input_rms(result))
+        scene = settings.scene.override(result.scene)
+        clips.append(NamedClip(name, len(result.frames), scene, error))
+        frames = f"{format_count(len(result.frames), 'frame')} at {scene.fps:g} per second"
+        progress.note("clip", f"{name}: {frames}; {text}")
+        start = stop
+    return tuple(clips)
 
 
 def _write_with_model(
@@ -225,11 +241,14 @@ def _write_with_model(
     )
 
 
-def _read_skeleton(result: StoredAnimation, settings: ExportSettings) -> Reconstruction:
+def _read_skeleton(
+    results: Sequence[StoredAnimation], settings: ExportSettings
+) -> list[Reconstruction]:
     """Read what a skin is to follow; refuse what cannot be skinned."""
+    result = results[0]
     check_rig(result, settings.influences, settings.joints)
-    target = CagedModel.of_file(result.path, result).read_reconstruction("a skeleton")
-    binding = target.binding
+    clips = read_clips(results, "a skeleton")
+    binding = clips[0].binding
     is_kept = settings.influences is None and not isinstance(settings.joints, int)
     if is_kept and result.fit is not None and not binding.has_offsets:
         raise SettingError(
@@ -237,7 +256,7 @@ def _read_skeleton(result: StoredAnimation, settings: ExportSettings) -> Reconst
             f"{binding.weights.min():.2g}), which skin weights cannot be; "
             + say("give `influences=8`")
         )
-    return target
+    return clips
 
 
 def check_export(settings: ExportSettings) -> None:
@@ -257,6 +276,7 @@ def check_export(settings: ExportSettings) -> None:
     ):
         if isinstance(value, str) and value not in known:
             raise SettingError(Hint(name, value) + f", expected {' or '.join(known)}")
+    _check_results(settings)
     if settings.is_rest_cage:
         _check_rest_cage(settings)
         return
@@ -278,6 +298,25 @@ def check_export(settings: ExportSettings) -> None:
         _check_with_model(settings)
     if not has_parts:
         settings.output.check_writable()
+
+
+def _check_results(settings: ExportSettings) -> None:
+    """Refuse several results of what holds one, and one that is named twice."""
+    path, count = settings.output.path, len(settings.results)
+    if count > 1 and not settings.skeleton:
+        raise SettingError(
+            f"{path}: holds the cages of one result (found {count}); export them one by one, or as "
+            "animations of one skeleton by " + Hint("skeleton", True)
+        )
+    if count > 1 and settings.with_model:
+        raise SettingError(
+            f"{path}: the skeleton of several results is without the cage; "
+            + say("leave out `with_model=True`")
+        )
+    places = [result.resolve() for result in settings.results]
+    for result, place in zip(settings.results, places, strict=True):
+        if places.count(place) > 1:
+            raise SettingError(f"{result}: is named twice; name each result once")
 
 
 def _check_skeleton(settings: ExportSettings) -> None:

@@ -45,7 +45,7 @@ from cageik_cli.util.threads import limit_blas_threads
 Pose = Callable[[JointPoses], JointPoses]
 """Poses the joints of a skin for some frames of the reconstruction."""
 
-RIG_VERSION = 1
+RIG_VERSION = 2
 """Raise it when skins or their figures change, so that kept ones are not used."""
 
 FRAMES_PER_RIG_BLOCK = 4 * FRAMES_PER_PRODUCT
@@ -88,6 +88,8 @@ class Rig:
         Whether the target is the input.
     blocks : callable
         Yields all frames in order, which are posed as they are taken.
+    frame_errors : (F, 2) float64
+        The rms and the largest of those distances in each frame, in the same percent.
     posed : tuple of JointPoses, optional
         Their joints without the meshes, if they take no more than `MAX_HELD_BYTES`.
     roughness : float, optional
@@ -100,6 +102,7 @@ class Rig:
     rms: float
     largest: float
     blocks: Callable[[], Iterator[JointPoses]]
+    frame_errors: Floats
     angles: tuple[float, float] | None = None
     total: float | None = None
     is_of_input: bool = False
@@ -141,20 +144,39 @@ class Rig:
         clauses = [f"up to {self.skin.weights.joints.shape[1]} influences per vertex"]
         if self.skin.cage_joints is not None:
             clauses[0] = f"{len(self.cage.vertices)} joints, {clauses[0]}"
-        added = f"it adds an rms of {self.rms:.2g} %, largest {self.largest:.2g} %"
-        if self.is_of_input:
-            stated = f"an rms of {self.rms:.2g} %, largest {self.largest:.2g} % of the diagonal"
-            clauses.append(f"against the input, {stated}")
-        elif self.largest < 1e-6:  # rounding: single precision is coarser
-            clauses.append("the mesh moves as with the full weights")
-        elif self.total is None:
-            clauses.append(f"{added} of the diagonal, against the full weights")
-        else:
-            clauses += [added, f"against the input, the rms is at most {self.total:.2g} %"]
+        clauses.append(self._describe_errors(self.rms, self.largest, self.total))
         if self.angles is not None:
             shaded = "normals are {:.2g} degrees off (rms), 1 % of them more than {:.2g}"
             clauses.append(shaded.format(*(round(angle, 2) for angle in self.angles)))
         return "; ".join(clauses)
+
+    def describe_clip(self, frames: slice, input_rms: float | None) -> tuple[float | None, str]:
+        """Return the total of a clip, as of `total`, which is some of the frames; and a sentence.
+
+        `input_rms` is that of the clip.
+        """
+        rms = float(np.sqrt(np.square(self.frame_errors[frames, 0]).mean()))
+        largest = float(self.frame_errors[frames, 1].max())
+        total = self._add_input_rms(rms, input_rms)
+        return total, self._describe_errors(rms, largest, total)
+
+    def _add_input_rms(self, rms: float, input_rms: float | None) -> float | None:
+        """Return the largest that an rms distance from the input can be, percent."""
+        if self.is_of_input:
+            return rms
+        return None if input_rms is None else input_rms + rms
+
+    def _describe_errors(self, rms: float, largest: float, total: float | None) -> str:
+        """Say how far the skin is from what it follows, and from the input."""
+        added = f"it adds an rms of {rms:.2g} %, largest {largest:.2g} %"
+        if self.is_of_input:
+            stated = f"an rms of {rms:.2g} %, largest {largest:.2g} % of the diagonal"
+            return f"against the input, {stated}"
+        if largest < 1e-6:  # rounding: single precision is coarser
+            return "the mesh moves as with the full weights"
+        if total is None:
+            return f"{added} of the diagonal, against the full weights"
+        return f"{added}; against the input, the rms is at most {total:.2g} %"
 
 
 def make_rig(
@@ -210,10 +232,7 @@ def make_rig(
             cache=cache,
         )
         rig = make_fit(progress).find(influences, joints)
-        if rig.is_of_input:
-            rig = replace(rig, total=rig.rms)
-        elif input_rms is not None:
-            rig = replace(rig, total=input_rms + rig.rms)
+        rig = replace(rig, total=rig._add_input_rms(rig.rms, input_rms))
         progress.note("note", f"{name}: {rig.message}")
         if compares:
             with progress.stage("compare"):
@@ -396,6 +415,7 @@ class _RigFit:
             angles=entry["angles"],
             is_of_input=isinstance(target, InputFrames),
             blocks=lambda: map(pose, target.blocks(FRAMES_PER_RIG_BLOCK)),
+            frame_errors=entry["frame_errors"],
             posed=posed if entry["is_posed"] else None,
             roughness=entry["roughness"],
         )
@@ -415,6 +435,7 @@ def _to_entry(rig: Rig) -> Entry:
         "labels": none if skin.cage_joints is None else skin.cage_joints,
         "limbs": none if skin.limbs is None else skin.limbs,
         "rotations": skin.rotations,
+        "frame_errors": rig.frame_errors,
         "places": np.concatenate([np.empty((0, n, 3)), *(one.cages for one in posed)]),
         "turns": np.concatenate([np.empty((0, n, 3, 3)), *turns])
         if turns
@@ -540,7 +561,7 @@ def _measure_rig(
 ) -> Rig:
     """Pose all frames, and measure how far they and their normals are from the target."""
     rest = target.binding.rest
-    rotations = []
+    rotations, errors = [], []
     joints: list[JointPoses] | None = []
     squares = largest = 0.0
     dense = weights.to_dense(len(cage.vertices))
@@ -553,6 +574,7 @@ def _measure_rig(
             joints = joints if _count_bytes(joints) <= MAX_HELD_BYTES else None
         distances = np.square(posed.meshes - block.meshes)[:, rest.used_vertices].sum(axis=2)
         squares += float(distances.sum())
+        errors.append(np.stack([distances.mean(axis=1), distances.max(axis=1)], axis=1))
         largest = max(largest, float(distances.max()))
         if normals is not None and posed.turns is not None:
             normals.add(posed.turns, block.meshes, posed.normals)
@@ -566,6 +588,7 @@ def _measure_rig(
         angles=None if normals is None else normals.summarize(),
         is_of_input=isinstance(target, InputFrames),
         blocks=lambda: map(pose, target.blocks(FRAMES_PER_RIG_BLOCK)),
+        frame_errors=percent * np.sqrt(np.concatenate(errors)),
         posed=None if joints is None else tuple(joints),
     )
 

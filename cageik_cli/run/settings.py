@@ -406,6 +406,8 @@ class ExportSettings(CommandSettings):
 
     Attributes
     ----------
+    results : tuple of Path
+        Several are the animations of one skeleton.
     compares : bool
         Note the error of other numbers of influences, too.
     morphs : MorphSettings
@@ -413,7 +415,7 @@ class ExportSettings(CommandSettings):
         keys of a skeleton, too.
     """
 
-    result: Path = declare_setting(MISSING, "", option="RESULT", role="read")
+    results: tuple[Path, ...] = declare_setting(MISSING, "", option="RESULTS", role="read")
     output: "Output" = declare_setting(MISSING, "", role="written")
     scene: SceneHints = declare_group(SceneHints())
     to: SceneHints = declare_to()

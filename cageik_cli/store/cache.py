@@ -428,6 +428,7 @@ RIGS = EntryFormat(
         "labels": "<i8",
         "limbs": "<i8",
         "rotations": "<f8",
+        "frame_errors": "<f8",
         "places": "<f8",
         "turns": "<f8",
     },

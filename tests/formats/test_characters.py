@@ -199,7 +199,7 @@ def test_an_export_with_the_model_has_the_cage_beside_its_parts(taken, tmp_path,
     (tmp_path / "out").mkdir()
     file, read = OUTPUTS[output]
     path = tmp_path / "out" / file
-    export(ExportSettings(result.path, Output(path), with_model=True))
+    export(ExportSettings((result.path,), Output(path), with_model=True))
     cage, *parts = read(path)
     assert cage.path.removesuffix("Shape").rpartition("/")[2] == "cage"
     check_character(result, parts, output=output, source=name)

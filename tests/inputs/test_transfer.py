@@ -163,7 +163,7 @@ def test_other_coordinates_carry_what_they_lack():
 def test_a_binding_carries_its_fit_as_a_result_of_it():
     bind_files(BindRunSettings(Path("cage.obj"), Path("rest.obj"), Path("b.h5"), clips=("frames",)))
     result = extract(make_settings("through.h5", binding=Path("b.h5")))
-    export(ExportSettings(result.path, Output(Path("edited/c_###.obj"))))
+    export(ExportSettings((result.path,), Output(Path("edited/c_###.obj"))))
     expected, _ = move("through.h5")
     found, notes = move("b.h5", cages="edited")
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-5)

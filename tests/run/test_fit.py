@@ -356,7 +356,7 @@ def test_fitted_weights_are_not_replaced_by_others_in_silence(settings, write_ob
 
 def test_few_influences_need_the_rotation_of_each_cage(settings):
     result = extract(replace(settings, fit=FORMS["few"]))
-    export(ExportSettings(result.path, Output(Path("edited/c_###.obj"))))
+    export(ExportSettings((result.path,), Output(Path("edited/c_###.obj"))))
     expected = meshes_of(result)
     deform(DeformSettings(result.path, Output(Path("out")), cages="edited"))
     np.testing.assert_allclose(read_objs("out"), expected, rtol=0, atol=1e-5)

@@ -41,7 +41,7 @@ CASES = {
         ["a"],
     ),
     "edit": (EditSettings(RESULT, HANDLES, OUT), [RESULT, HANDLES], [OUT]),
-    "export": (ExportSettings(RESULT, Output(Path("a.pc2"))), [RESULT], ["a.pc2"]),
+    "export": (ExportSettings((RESULT,), Output(Path("a.pc2"))), [RESULT], ["a.pc2"]),
     "extract": (ExtractSettings(("frames",), CAGE, OUT), [CAGE, *FRAMES], [OUT]),
     "extract all": (
         ExtractSettings(("frames/frame_2.obj",), CAGE, OUT, RESULT, rest=REST, vertex_weights=MESH),

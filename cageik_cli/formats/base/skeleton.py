@@ -194,13 +194,18 @@ class Skeleton:
                 heads += limb_names
         self.names = number_names([*heads, *own])
         self.turn_count = self.lead if skin.turns is None else len(self.names)
-        self._frame, self._heading = 0, 0.0
+        self._frame = 0
         self._turns = None if skin.turns is None else iter(skin.turns)
-        self._last = np.tile([0.0, 0.0, 0.0, 1.0], (self.turn_count, 1))
+        self.begin_clip()
         still = np.tile(np.eye(3), (count, 1, 1))
         self.bind_places = self._place(places, np.eye(3), still)[0]
         self.rest_translations = self.bind_places.copy()
         self.rest_translations[1:] -= self.bind_places[self.parents[1:]]
+
+    def begin_clip(self) -> None:
+        """Forget the frame before, whose heading and signs the next frame would continue."""
+        self._heading = 0.0
+        self._last = np.tile([0.0, 0.0, 0.0, 1.0], (self.turn_count, 1))
 
     def advance(self, frames: Floats) -> Iterator[tuple[Floats, Floats]]:
         """Yield the joints of the next k frames, whose joints of the skin are at (k, n, 3).

@@ -25,6 +25,24 @@ SHAPE_SUFFIX = "Shape"
 """What is added to the name of a part for its mesh, if the part is a transform above that."""
 
 
+@dataclass(frozen=True, slots=True)
+class NamedClip:
+    """A clip of an animation that consists of several, one after another.
+
+    Attributes
+    ----------
+    scene : Scene
+        Of which the time counts; its space is that of the animation.
+    error : float, optional
+        As of `Skin`, of its frames alone.
+    """
+
+    name: str
+    frame_count: int
+    scene: Scene
+    error: float | None = None
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Animation:
     """An animation before its first frame is written.
@@ -45,6 +63,9 @@ class Animation:
         What was subtracted from the rest pose, and is from all positions that are written.
     guide : str
         Name of the part that programs are not to render, in formats that can say so; none if empty.
+    clips : tuple of NamedClip
+        What all frames together are, in formats that hold several animations of one skeleton; one
+        clip of the name and the scene of the animation if empty.
     """
 
     rest: TriMesh
@@ -55,6 +76,7 @@ class Animation:
     texture: str = "png"
     origin: tuple[float, float, float] = (0.0, 0.0, 0.0)
     guide: str = ""
+    clips: tuple[NamedClip, ...] = ()
 
     def split(self) -> list[Part]:
         """Split the rest pose into its parts; a rest pose that came as one has its name.

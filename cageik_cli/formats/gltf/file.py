@@ -12,8 +12,8 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from cageik_cli.formats.base.writers import Animation, AnimationWriter
-from cageik_cli.formats.settings import GLTF_RATE_KEY
+from cageik_cli.formats.base.writers import Animation, AnimationWriter, NamedClip
+from cageik_cli.formats.settings import GLTF_RATE_KEY, Scene
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import OutputError, require_optional
 from cageik_cli.util.files import set_size
@@ -305,23 +305,29 @@ class GlbWriter(AnimationWriter):
             self._open = stack.pop_all()
         return spools
 
-    def add_times(self, frames: Integers | None = None) -> int:
+    def add_times(self, frames: Integers | None = None, scene: Scene | None = None) -> int:
         """Add the time of each frame, or of some, seconds; return the number of the accessor.
 
         The first is at 0 s: players loop from there, and would wait for a later one in each loop.
+        A clip of several has a `scene` of its own.
         """
-        scene = self._animation.scene
+        scene = scene or self._animation.scene
         chosen = np.arange(self._animation.frame_count) if frames is None else frames
         numbers = scene.frame_step * chosen
         return self._file.add_array(np.asarray(numbers / scene.fps, np.float32), bounds=True)
 
-    def make_animation(self, channels: list[object], samplers: list[object]) -> object:
-        """Return the animation, which states rate and numbers of its frames for cageik itself."""
+    def make_animation(
+        self, channels: list[object], samplers: list[object], clip: NamedClip | None = None
+    ) -> object:
+        """Return the animation, which states rate and numbers of its frames for cageik itself.
+
+        It is that of a `clip`, if there are several.
+        """
         import pygltflib as gltf
 
-        scene = self._animation.scene
+        scene = (clip or self._animation).scene
         return gltf.Animation(
-            name=self._animation.name,
+            name=(clip or self._animation).name,
             channels=channels,
             samplers=samplers,
             extras={GLTF_RATE_KEY: [scene.fps, scene.frame_step, scene.start]},

@@ -17,7 +17,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cageik_cli.formats.base.skeleton import CAGE_KEY, PosedSkin, Skeleton, Skin, SkinWeights
-from cageik_cli.formats.base.writers import Animation, choose_short_names, to_float32
+from cageik_cli.formats.base.writers import (
+    Animation,
+    NamedClip,
+    choose_short_names,
+    to_float32,
+)
 from cageik_cli.formats.gltf.file import (
     GlbWriter,
     VectorSpool,
@@ -73,7 +78,7 @@ class SkeletonWriter(GlbWriter):
     ----------
     target : Path
     animation : Animation
-        Of the joints, whose `rest` has them at rest.
+        Of the joints, whose `rest` has them at rest. Each of its clips is an animation of the file.
     is_extracted : bool
         As of `Skeleton`.
     tolerance : float, optional
@@ -116,21 +121,38 @@ class SkeletonWriter(GlbWriter):
         )
         self.open_file(0, spool_count=0)
         self._bind_places = self._skeleton.bind_places
-        names = self._skeleton.names
-        self._keys = JointKeys(target.parent, len(names), self._skeleton.turn_count)
-        self._open.callback(self._keys.close)
+        whole = NamedClip(animation.name, animation.frame_count, animation.scene, skin.error)
+        self._clips = animation.clips or (whole,)
+        self._keys: list[JointKeys] = []
 
     def append(self, frames: Floats) -> None:
-        """Keep the joints of the next k frames, (k, n, 3)."""
-        for places, turns in self._skeleton.advance(frames):
-            self._keys.append(to_float32(places), turns.astype(np.float32))
+        """Keep the joints of the next k frames, (k, n, 3), which may be of several clips."""
+        while len(frames):
+            if not self._keys or self._keys[-1].frame_count == self._clip.frame_count:
+                self._begin_clip()
+            left = self._clip.frame_count - self._keys[-1].frame_count
+            for places, turns in self._skeleton.advance(frames[:left]):
+                self._keys[-1].append(to_float32(places), turns.astype(np.float32))
+            frames = frames[left:]
+
+    @property
+    def _clip(self) -> NamedClip:
+        """The clip whose frames are being kept."""
+        return self._clips[len(self._keys) - 1]
+
+    def _begin_clip(self) -> None:
+        names, count = self._skeleton.names, self._skeleton.turn_count
+        self._skeleton.begin_clip()
+        self._keys.append(JointKeys(self._target.parent, len(names), count))
+        self._open.callback(self._keys[-1].close)
 
     def complete(self) -> None:
         """Compose the file: nodes of the parts, what turns z up, the root joint, its children."""
         import pygltflib as gltf
 
         self._attributes = SkinAttributes(self._vertices, self._skin.weights, self._is_quantized)
-        tracks = self._choose_tracks()
+        clips = list(zip(self._clips, self._keys, strict=True))
+        tracks = [self._choose_tracks(clip, keys) for clip, keys in clips]
         names = [part.name or "mesh" for part in split_parts(self._skin.rest)]
         nodes, tops, _ = make_part_nodes(names, skin=0)
         self._root = len(nodes) + 1
@@ -147,17 +169,20 @@ class SkeletonWriter(GlbWriter):
             meshes=meshes,
             materials=materials,
             skins=[self._write_skin()],
-            animations=[self.make_animation(**self._write_motion(tracks))],
+            animations=[
+                self.make_animation(**self._write_motion(clip, keys, chosen), clip=clip)
+                for (clip, keys), chosen in zip(clips, tracks, strict=True)
+            ],
             extensionsUsed=extensions,
             extensionsRequired=extensions,
         )
         self._open.close()
 
-    def _choose_tracks(self) -> "list[Track] | None":
+    def _choose_tracks(self, clip: NamedClip, keys: "JointKeys") -> "list[Track] | None":
         """Choose the keys, None for all, and note what those left out and rounding change."""
         if self._tolerance is None and not self._is_quantized:
             return None
-        keys, tracks = self._keys, None
+        tracks = None
         read = keys.read_rounded_frames if self._is_quantized else keys.read_frames
         exact, written = self._pose_skins(self._skin.rest.used_vertices)
         rms, largest = measure_change(keys, read, exact, written)
@@ -170,14 +195,17 @@ class SkeletonWriter(GlbWriter):
                     + Hint("tolerance", f"{self._tolerance:g}")
                     + say("; leave out `quantize=True`, or give a larger tolerance")
                 )
-            tracks = self._reduce_tracks(exact, written, limit)
+            tracks = self._reduce_tracks(keys, exact, written, limit)
         if tracks is not None:
             rms, largest = measure_change(keys, partial(evaluate_tracks, tracks), exact, written)
-        self._note_change(tracks, rms, largest)
+        count = keys.track_count * keys.frame_count
+        if tracks is not None:
+            count = sum(len(track.frames) for track in tracks)
+        self._note_change(clip, count, keys.track_count * keys.frame_count, (rms, largest))
         return tracks
 
     def _reduce_tracks(
-        self, exact: PosedSkin, written: PosedSkin, limit: float
+        self, keys: "JointKeys", exact: PosedSkin, written: PosedSkin, limit: float
     ) -> "list[Track] | None":
         """Leave out keys as long as no vertex moves by more than `limit`; None if that is none.
 
@@ -190,14 +218,14 @@ class SkeletonWriter(GlbWriter):
         while share > MIN_TOLERANCE_SHARE:
             tracks = [
                 reduce_track(path, k, values, share * limit / reach[path][k])
-                for path, k, values in self._keys.read_tracks()
+                for path, k, values in keys.read_tracks()
             ]
-            keep_length(tracks, self._keys)
+            keep_length(tracks, keys)
             if self._is_quantized:
                 tracks = [round_track(track) for track in tracks]
             read = partial(evaluate_tracks, tracks)
             for skins in (few, (exact, written)):
-                largest = measure_change(self._keys, read, *skins)[1]
+                largest = measure_change(keys, read, *skins)[1]
                 if largest > limit:
                     break
             else:
@@ -221,19 +249,21 @@ class SkeletonWriter(GlbWriter):
         """Return a distance in percent of the diagonal."""
         return f"{100 * distance / self._skin.rest.diagonal:.2g} %"
 
-    def _note_change(self, tracks: "list[Track] | None", rms: float, largest: float) -> None:
-        """Note how many keys there are, and what they and rounding change."""
-        every = self._keys.track_count * self._keys.frame_count
-        count = every if tracks is None else sum(len(track.frames) for track in tracks)
+    def _note_change(
+        self, clip: NamedClip, count: int, every: int, errors: tuple[float, float]
+    ) -> None:
+        """Note how many keys of all there are, and what they and rounding change: rms, largest."""
+        rms, largest = errors
         changes = ["numbers are rounded"] if self._is_quantized else []
         if self._tolerance is not None:
             changes.insert(0, f"{count} of {format_count(every, 'key')} are kept")
-        note = (
+        note = f"{clip.name}: " if self._animation.clips else ""
+        note += (
             f"{' and '.join(changes)}, by which vertices are off by an rms of "
             f"{self._format_percent(rms)}, {self._format_percent(largest)} at most"
         )
-        if self._skin.error is not None:
-            total = self._skin.error + 100 * rms / self._skin.rest.diagonal
+        if clip.error is not None:
+            total = clip.error + 100 * rms / self._skin.rest.diagonal
             note += f"; against the input, the rms is at most {total:.2g} %"
         self.notes += (note,)
 
@@ -297,7 +327,9 @@ class SkeletonWriter(GlbWriter):
         joints = list(range(self._root, self._root + len(places)))
         return gltf.Skin(inverseBindMatrices=inverse, skeleton=self._root, joints=joints)
 
-    def _write_motion(self, tracks: "list[Track] | None") -> dict[str, list[object]]:
+    def _write_motion(
+        self, clip: NamedClip, keys: "JointKeys", tracks: "list[Track] | None"
+    ) -> dict[str, list[object]]:
         """Write the keys of the joints; tracks with keys in the same frames share their times.
 
         Without tracks, the keys are those of all frames.
@@ -307,12 +339,12 @@ class SkeletonWriter(GlbWriter):
         inputs: dict[bytes, int] = {}
         channels: list[object] = []
         samplers: list[object] = []
-        every = np.arange(self._keys.frame_count)
-        whole = (Track(path, k, every, values) for path, k, values in self._keys.read_tracks())
+        every = np.arange(keys.frame_count)
+        whole = (Track(path, k, every, values) for path, k, values in keys.read_tracks())
         for track in whole if tracks is None else tracks:
             key = track.frames.tobytes()
             if key not in inputs:
-                inputs[key] = self.add_times(track.frames)
+                inputs[key] = self.add_times(track.frames, clip.scene)
             is_small = self._is_quantized and track.path == ROTATION
             values = round_to(track.values, np.int16) if is_small else to_float32(track.values)
             output = self._file.add_array(values, is_normalized=is_small)
