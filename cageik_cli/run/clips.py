@@ -1,6 +1,6 @@
 """Several results as the clips of one rig: what they must share, their names and their frames."""
 
-import os
+import re
 import shlex
 from collections.abc import Sequence
 from pathlib import Path
@@ -147,11 +147,7 @@ def _name_input(result: StoredAnimation) -> str:
     first, _, last = _get_source(result).partition(" ... ")
     if not first:
         return "CLIP"
-    if not last:
-        return _quote(first)
-    start = os.path.commonprefix([first, last])
-    end = os.path.commonprefix([first[::-1], last[::-1]])[::-1]
-    return _quote(f"{start}*{end}")
+    return _quote(re.sub(r"\d+(?=\D*$)", "*", first) if last else first)
 
 
 def _quote(name: str | Path) -> str:

@@ -6,6 +6,7 @@ from functools import partial
 
 import numpy as np
 
+from cageik_cli.formats.base.skeleton import Skin
 from cageik_cli.formats.base.writers import Animation, NamedClip, name_root, nest_names
 from cageik_cli.formats.gltf.skeleton import MAX_INFLUENCES
 from cageik_cli.formats.gltf.skeleton import SkeletonWriter as GltfSkeletonWriter
@@ -15,6 +16,7 @@ from cageik_cli.formats.settings import (
     ROOT_MOTIONS,
     SceneHints,
 )
+from cageik_cli.formats.usd.motion import MotionWriter
 from cageik_cli.formats.usd.writer import SkeletonWriter as UsdSkeletonWriter
 from cageik_cli.formats.usd.writer import UsdWriter
 from cageik_cli.formats.write import (
@@ -23,6 +25,7 @@ from cageik_cli.formats.write import (
     Output,
     WriterFactory,
     check_mesh_output,
+    name_part_files,
     names_parts,
     split_output,
     write_animation,
@@ -36,7 +39,7 @@ from cageik_cli.run.rig import Rig, check_rig, keeps_weights, make_rig, measure_
 from cageik_cli.run.settings import ExportSettings
 from cageik_cli.store.result import StoredAnimation, read_animation, read_cages
 from cageik_cli.util.arrays import Floats, count_frames
-from cageik_cli.util.errors import SettingError
+from cageik_cli.util.errors import SettingError, join_truncated
 from cageik_cli.util.messages import Hint, join_texts, say
 from cageik_cli.util.outputs import check_no_overlap
 from cageik_cli.util.progress import ProgressListener
@@ -145,6 +148,7 @@ def _write_skeleton(
     The animation is that of the first result.
     """
     result, name, jobs = results[0], settings.output.path.name, count_processors()
+    layers = _plan_layers(settings, results)
     clips: Sequence[Reconstruction] = _read_skeleton(results, settings)
     if not keeps_weights(clips[0].binding, settings.influences, settings.joints):
         clips = find_inputs(results, clips, name, progress, jobs)
@@ -167,6 +171,11 @@ def _write_skeleton(
     skin, places = rig.stream(turns=settings.joints != "translate")
     skin = SceneConversion.of_output(animation.scene, settings.to).convert_skin(skin)
     is_extracted = settings.root_motion == "extract"
+    moved = f"joints that move {group_digits(len(result.rest.vertices))} vertices"
+    if layers:
+        with limit_blas_threads(1):
+            summary = _write_layers(settings, layers, animation, skin, places, progress)
+        return replace(summary, unit=f"{moved}, in {len(layers)} clips")
     if settings.output.path.suffix.lower() in GltfSkeletonWriter.suffixes:
         make_writer: WriterFactory = partial(
             GltfSkeletonWriter,
@@ -184,8 +193,80 @@ def _write_skeleton(
         summary = write_converted(
             settings.output, settings.to, animation, places, progress, make_writer
         )
-    moved = f"joints that move {group_digits(len(result.rest.vertices))} vertices"
     return replace(summary, unit=moved + (f", in {len(results)} clips" if named else ""))
+
+
+def _plan_layers(settings: ExportSettings, results: Sequence[StoredAnimation]) -> list[Output]:
+    """Return the file of each clip of several, in a format of one motion per file; else none."""
+    output = settings.output
+    if len(results) == 1 or output.path.suffix.lower() in GltfSkeletonWriter.suffixes:
+        return []
+    names = name_part_files(name_clips(results))
+    stem, suffix = output.path.stem, output.path.suffix
+    layers = [
+        replace(output, path=output.path.with_name(f"{stem}_{name}{suffix}")) for name in names
+    ]
+    check_no_overlap([path for one in layers for path in one.list_paths()], settings.inputs())
+    for one in layers:
+        one.check_writable()
+    return layers
+
+
+def _write_layers(
+    settings: ExportSettings,
+    layers: Sequence[Output],
+    animation: Animation,
+    skin: Skin,
+    places: Iterator[Floats],
+    progress: ProgressListener,
+) -> ExportSummary:
+    """Write a skin at rest, and over it a file of each clip, with its motion."""
+    is_extracted = settings.root_motion == "extract"
+    still = replace(animation, frame_count=0, clips=())
+    write_still = partial(UsdSkeletonWriter, skin=skin, is_extracted=is_extracted)
+    whole = write_converted(settings.output, settings.to, still, iter(()), progress, write_still)
+    conversion = SceneConversion.of_output(animation.scene, settings.to)
+    still = conversion.convert_animation(still)
+    turns = None if skin.turns is None else iter(skin.turns)  # each clip takes its own
+    byte_count, start = whole.byte_count, 0
+    counts = [clip.frame_count for clip in animation.clips]
+    blocks = cut_blocks(map(conversion.apply, places), counts)
+    for layer, clip, own in zip(layers, animation.clips, blocks, strict=True):
+        frames = slice(start, start + clip.frame_count)
+        scene = conversion.convert_hints(SceneHints()).override(clip.scene)
+        write_motion = partial(
+            MotionWriter,
+            skin=replace(skin, rotations=skin.rotations[frames], turns=turns, error=clip.error),
+            layer=settings.output.path,
+            is_extracted=is_extracted,
+        )
+        moving = replace(still, frame_count=clip.frame_count, scene=scene)
+        summary = write_animation(layer, moving, own, progress, write_motion)
+        byte_count, start = byte_count + summary.byte_count, frames.stop
+    progress.note(
+        "note",
+        f"{whole.path.name}: the mesh and its skeleton at rest; over it, a file of each clip: "
+        + join_truncated(layer.path.name for layer in layers),
+    )
+    return replace(whole, byte_count=byte_count, frame_count=sum(counts))
+
+
+def cut_blocks(blocks: Iterator[Floats], counts: Sequence[int]) -> Iterator[Iterator[Floats]]:
+    """Yield an iterator over each of some numbers of frames, in order; all of one are taken first.
+
+    Blocks are (k, n, 3), of any number of frames.
+    """
+    left = np.empty((0, 0, 3))
+
+    def take(count: int) -> Iterator[Floats]:
+        nonlocal left
+        while count:
+            block = left if len(left) else next(blocks)
+            own, left = block[:count], block[count:]
+            count -= len(own)
+            yield own
+
+    yield from map(take, counts)
 
 
 def _describe_clips(
@@ -201,7 +282,7 @@ def _describe_clips(
         error, text = rig.describe_clip(slice(start, stop), measure_input_rms(result))
         scene = settings.scene.override(result.scene)
         clips.append(NamedClip(name, len(result.frames), scene, error))
-        frames = f"{format_count(len(result.frames), 'frame')} at {scene.fps:g} per second"
+        frames = f"{format_count(len(result.frames), 'frame')}, {scene.fps:g} fps"
         progress.note("clip", f"{name}: {frames}; {text}")
         start = stop
     return tuple(clips)
@@ -312,6 +393,11 @@ def _check_results(settings: ExportSettings) -> None:
         raise SettingError(
             f"{path}: the skeleton of several results is without the cage; "
             + say("leave out `with_model=True`")
+        )
+    if count > 1 and path.suffix.lower() == ".usdz":
+        raise SettingError(
+            f"{path}: a `.usdz` is one file, and each of {count} clips is a file over that of the "
+            "skeleton; write .usdc, or .glb, which holds them all"
         )
     places = [result.resolve() for result in settings.results]
     for result, place in zip(settings.results, places, strict=True):

@@ -158,7 +158,7 @@ class Rig:
         rms = float(np.sqrt(np.square(self.frame_errors[frames, 0]).mean()))
         largest = float(self.frame_errors[frames, 1].max())
         total = self._add_input_rms(rms, input_rms)
-        return total, self._describe_errors(rms, largest, total)
+        return total, self._describe_errors(rms, largest, total, share="")
 
     def _add_input_rms(self, rms: float, input_rms: float | None) -> float | None:
         """Return the largest that an rms distance from the input can be, percent."""
@@ -166,16 +166,18 @@ class Rig:
             return rms
         return None if input_rms is None else input_rms + rms
 
-    def _describe_errors(self, rms: float, largest: float, total: float | None) -> str:
+    def _describe_errors(
+        self, rms: float, largest: float, total: float | None, share: str = " of the diagonal"
+    ) -> str:
         """Say how far the skin is from what it follows, and from the input."""
         added = f"it adds an rms of {rms:.2g} %, largest {largest:.2g} %"
         if self.is_of_input:
-            stated = f"an rms of {rms:.2g} %, largest {largest:.2g} % of the diagonal"
+            stated = f"an rms of {rms:.2g} %, largest {largest:.2g} %{share}"
             return f"against the input, {stated}"
         if largest < 1e-6:  # rounding: single precision is coarser
             return "the mesh moves as with the full weights"
         if total is None:
-            return f"{added} of the diagonal, against the full weights"
+            return f"{added}{share}, against the full weights"
         return f"{added}; against the input, the rms is at most {total:.2g} %"
 
 

@@ -67,6 +67,9 @@ MAX_CHECKED_FRAMES = 16
 MAX_SKIN_CHANGE = 1e-3
 """A skin that USD poses differently is noted above it, in percent of the diagonal."""
 
+JOINT_BYTES = 12 + 16
+"""Bytes of a joint in a frame: a translation and a rotation in single precision."""
+
 SPLAT_SCHEMA = "ParticleField3DGaussianSplat"
 
 
@@ -109,10 +112,11 @@ class UsdWriter(AnimationWriter):
             scene = animation.scene
             UsdGeom.SetStageUpAxis(self.stage, scene.up_axis)
             UsdGeom.SetStageMetersPerUnit(self.stage, scene.metres_per_unit)
-            self.stage.SetTimeCodesPerSecond(scene.fps)
-            self.stage.SetFramesPerSecond(scene.fps)
-            self.stage.SetStartTimeCode(scene.start)
-            self.stage.SetEndTimeCode(scene.frame_number(animation.frame_count - 1))
+            if animation.frame_count:
+                self.stage.SetTimeCodesPerSecond(scene.fps)
+                self.stage.SetFramesPerSecond(scene.fps)
+                self.stage.SetStartTimeCode(scene.start)
+                self.stage.SetEndTimeCode(scene.frame_number(animation.frame_count - 1))
             self.root = f"/{animation.name}"
             self.stage.SetDefaultPrim(self.stage.OverridePrim(self.root))
             stack.pop_all()  # open from here on
@@ -333,7 +337,8 @@ def choose_prim_paths(names: Sequence[str], root: str) -> list[str]:
 class SkeletonWriter(UsdWriter):
     """Writes the rest mesh, skinned to joints, where `Skeleton` has them.
 
-    If the joints turn, a mesh without normals gets those of a smooth surface.
+    If the joints turn, a mesh without normals gets those of a smooth surface. An animation of no
+    frames is the mesh and its skeleton at rest, without a motion.
     """
 
     def __init__(
@@ -350,48 +355,53 @@ class SkeletonWriter(UsdWriter):
         With `has_cage`, they are vertices of a cage, which is beside the mesh. The root is as
         `Skeleton` has it.
         """
-        rest = skin.rest.move(skin.rest.vertices - np.array(animation.origin))
-        if skin.turns is not None:
-            rest = shade_smoothly(rest)
-        to_float32(rest.vertices)  # refused before anything is written
-        self._skeleton = Skeleton(
-            animation.rest.vertices,
-            replace(skin, rest=rest),
-            up_axis=animation.scene.up_axis,
-            is_extracted=is_extracted,
-        )
-        parts = [replace(part, transform=np.eye(4)) for part in split_parts(rest)]
-        names = nest_names([part.name or "mesh" for part in parts], animation.name)
-        parts = [replace(part, name=name) for part, name in zip(parts, names, strict=True)]
+        rest = self.prepare(animation, skin, is_extracted)
+        parts = nest_parts(rest, animation.name)
         if has_cage:
+            names = [part.name for part in parts]
             name = f"{name_root(names, animation.name)}/{animation.name}"
             whole = slice(0, len(animation.rest.vertices))
             parts.append(Part(name, animation.rest, whole, np.eye(4)))
             animation = replace(animation, guide=name if animation.guide else "")
         moving = count_frame_bytes(animation.rest) if has_cage else 0
-        joint_bytes = 12 + 16  # a translation and a rotation in single precision
-        self.open_stage(target, animation, moving + joint_bytes * len(self._skeleton.names))
-        count = animation.frame_count
-        self._checked = set(np.linspace(0, count - 1, min(count, MAX_CHECKED_FRAMES)).astype(int))
-        self._moves: list[tuple[float, Floats, Floats]] = []
-        self._skin = replace(skin, rest=rest)
+        self.open_stage(target, animation, moving + JOINT_BYTES * len(self.skeleton.names))
         with capture_diagnostics(OSError):
             meshes = define_parts(self, animation, parts, is_cache=False)
             self._cage_mesh = meshes.pop() if has_cage else None
-            self._define_skeleton()
-            self._places: list[tuple[str, slice]] = []
+            self._define_skeleton(moves=animation.frame_count > 0)
+            if animation.frame_count:
+                self.define_motion()
+            self.places: list[tuple[str, slice]] = []
             for mesh, part in zip(meshes, parts, strict=False):
                 mesh.write_positions(part.mesh.vertices)
                 self._bind_mesh(mesh.prim, skin.weights, part.vertices)
-                self._places.append((str(mesh.prim.GetPath()), part.vertices))
+                self.places.append((str(mesh.prim.GetPath()), part.vertices))
+
+    def prepare(self, animation: Animation, skin: Skin, is_extracted: bool) -> TriMesh:
+        """Make the tree of joints, and choose the frames that are read back; return the rest."""
+        rest = skin.rest.move(skin.rest.vertices - np.array(animation.origin))
+        if skin.turns is not None:
+            rest = shade_smoothly(rest)
+        to_float32(rest.vertices)  # refused before anything is written
+        self._skin = replace(skin, rest=rest)
+        self.skeleton = Skeleton(
+            animation.rest.vertices,
+            self._skin,
+            up_axis=animation.scene.up_axis,
+            is_extracted=is_extracted,
+        )
+        count = animation.frame_count
+        self._checked = set(np.linspace(0, count - 1, min(count, MAX_CHECKED_FRAMES)).astype(int))
+        self._moves: list[tuple[float, Floats, Floats]] = []
+        return rest
 
     def append(self, frames: Floats) -> None:
         """Write the cages of the next k frames, (k, n, 3)."""
         from pxr import Vt
 
-        turns = np.zeros((len(self._skeleton.names), 4), np.float32)
+        turns = np.zeros((len(self.skeleton.names), 4), np.float32)
         turns[:, 3] = 1
-        for cage, (places, found) in zip(frames, self._skeleton.advance(frames), strict=True):
+        for cage, (places, found) in zip(frames, self.skeleton.advance(frames), strict=True):
             time, translations = self.begin_frame(), to_float32(places)
             if self._frame_count - 1 in self._checked:
                 self._moves.append((time, places, found.copy()))
@@ -406,10 +416,12 @@ class SkeletonWriter(UsdWriter):
         """Close the file, and note how far USD's own skinning of it is from what was given."""
         super().complete()
         rest, weights = self._skin.rest, self._skin.weights
-        tree, used = self._skeleton, rest.used_vertices
+        tree, used = self.skeleton, rest.used_vertices
         bound = tree.bind_places[tree.lead :]
         exact = PosedSkin(rest.vertices, weights.to_sparse(len(bound)), bound, tree)
         squares = largest = 0.0
+        if not self._moves:
+            return
         for (_, places, turns), found in zip(self._moves, self._read_written(), strict=True):
             apart = found - exact.pose(places[None], turns[None])[0]
             distances = np.square(apart[used]).sum(axis=1)
@@ -434,34 +446,43 @@ class SkeletonWriter(UsdWriter):
             claimed = ClaimedBytes(self._target.stat().st_size)
             rigs = Rigs()
             meshes = [
-                UsdSceneMesh(stage.GetPrimAtPath(place), claimed, rigs) for place, _ in self._places
+                UsdSceneMesh(stage.GetPrimAtPath(place), claimed, rigs) for place, _ in self.places
             ]
             for time, _, _ in self._moves:
                 found = np.empty_like(self._skin.rest.vertices)
-                for mesh, (_, vertices) in zip(meshes, self._places, strict=True):
+                for mesh, (_, vertices) in zip(meshes, self.places, strict=True):
                     found[vertices] = mesh.read_moved(time)
                 yield found
 
-    def _define_skeleton(self) -> None:
-        """Define the joints, which are named by the paths to them."""
+    def _define_skeleton(self, moves: bool) -> None:
+        """Define the joints, which are named by the paths to them, and the prim of a motion."""
         from pxr import UsdSkel, Vt
 
-        stage, root, tree = self.stage, self.root, self._skeleton
+        stage, root, tree = self.stage, self.root, self.skeleton
         UsdSkel.Root.Define(stage, root)
-        self._place = f"{root}/skeleton"
-        while stage.GetPrimAtPath(self._place):  # a part of that name
-            self._place += "_"
-        skeleton = UsdSkel.Skeleton.Define(stage, self._place)
-        animation = UsdSkel.Animation.Define(stage, f"{self._place}/motion")
-        joints: list[str] = []
+        self.place = f"{root}/skeleton"
+        while stage.GetPrimAtPath(self.place):  # a part of that name
+            self.place += "_"
+        skeleton = UsdSkel.Skeleton.Define(stage, self.place)
+        if moves:
+            UsdSkel.Animation.Define(stage, f"{self.place}/motion")
+        self.joints: list[str] = []
         for name, parent in zip(tree.names, tree.parents, strict=True):
-            joints.append(name if parent < 0 else f"{joints[parent]}/{name}")
+            self.joints.append(name if parent < 0 else f"{self.joints[parent]}/{name}")
         bind, rest = tree.bind_places, tree.rest_translations
-        skeleton.CreateJointsAttr(joints)
+        skeleton.CreateJointsAttr(self.joints)
         skeleton.GetPrim().SetCustomDataByKey(CAGE_KEY, Vt.StringArray(tree.aliases))
         skeleton.CreateBindTransformsAttr(Vt.Matrix4dArray.FromNumpy(_make_translations(bind)))
         skeleton.CreateRestTransformsAttr(Vt.Matrix4dArray.FromNumpy(_make_translations(rest)))
-        binding = UsdSkel.BindingAPI.Apply(skeleton.GetPrim())
+        UsdSkel.BindingAPI.Apply(skeleton.GetPrim())
+
+    def define_motion(self) -> None:
+        """Define what moves the joints, and bind the skeleton to it."""
+        from pxr import UsdSkel, Vt
+
+        stage, joints = self.stage, self.joints
+        animation = UsdSkel.Animation.Define(stage, f"{self.place}/motion")
+        binding = UsdSkel.BindingAPI(stage.GetPrimAtPath(self.place))
         binding.CreateAnimationSourceRel().SetTargets([animation.GetPath()])
         animation.CreateJointsAttr(joints)
         animation.CreateScalesAttr(Vt.Vec3hArray.FromNumpy(np.ones((len(joints), 3), np.float16)))
@@ -474,13 +495,20 @@ class SkeletonWriter(UsdWriter):
 
         influences = weights.joints.shape[1]
         binding = UsdSkel.BindingAPI.Apply(mesh.GetPrim())
-        binding.CreateSkeletonRel().SetTargets([self._place])
+        binding.CreateSkeletonRel().SetTargets([self.place])
         binding.CreateGeomBindTransformAttr(Gf.Matrix4d(1))
         joints = binding.CreateJointIndicesPrimvar(False, influences)
-        numbers = (weights.joints[vertices] + self._skeleton.lead).astype(np.int32)
+        numbers = (weights.joints[vertices] + self.skeleton.lead).astype(np.int32)
         joints.Set(Vt.IntArray.FromNumpy(numbers.ravel()))
         values = binding.CreateJointWeightsPrimvar(False, influences)
         values.Set(Vt.FloatArray.FromNumpy(weights.values[vertices].astype(np.float32).ravel()))
+
+
+def nest_parts(mesh: TriMesh, root: str) -> list[Part]:
+    """Return the parts of a skin, in the space of the scene and below one root."""
+    parts = [replace(part, transform=np.eye(4)) for part in split_parts(mesh)]
+    names = nest_names([part.name or "mesh" for part in parts], root)
+    return [replace(part, name=name) for part, name in zip(parts, names, strict=True)]
 
 
 def _make_translations(points: Floats) -> Floats:
