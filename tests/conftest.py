@@ -319,7 +319,7 @@ def extracted(folder, tiny_result) -> Path:
 @pytest.fixture
 def input_elsewhere(monkeypatch) -> None:
     """Skins follow the reconstruction, as where the input of the result is not found."""
-    monkeypatch.setattr("cageik_cli.run.export.find_input", lambda *_: None)
+    monkeypatch.setattr("cageik_cli.run.clips.find_input", lambda *_: None)
 
 
 @pytest.fixture
