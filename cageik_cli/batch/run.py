@@ -15,6 +15,7 @@ from cageik_cli.batch.jobs import (
     make_failed_outcome,
     run_clip,
 )
+from cageik_cli.batch.shared_fit import share_fits
 from cageik_cli.report.figures import format_percent
 from cageik_cli.report.html.index import render_index
 from cageik_cli.report.overview import ClipEntry, Overview, shorten_names
@@ -36,6 +37,7 @@ from cageik_cli.util.outputs import make_folder, write_text
 from cageik_cli.util.processes import Subprocess, SubprocessError, wait_for_any
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.util.text import format_count, group_digits
+from cageik_cli.util.threads import count_processors
 
 REPORT_FILES = {
     "index.html": render_index,
@@ -72,6 +74,8 @@ class BatchPlan:
         Names of all clips, as reports list them.
     notes : tuple of str
         On files that are no clips.
+    shares_fit : bool
+        Whether the clips of a model have one set of weights, fitted to all of them.
     """
 
     output: Path
@@ -79,6 +83,7 @@ class BatchPlan:
     rejected: tuple[ClipEntry, ...]
     order: tuple[str, ...]
     notes: tuple[str, ...] = ()
+    shares_fit: bool = False
 
 
 def run_batch(
@@ -107,6 +112,14 @@ def run_batch(
     done: list[Outcome] = []
     with _folder_lock(batch.output):
         make_folder(batch.output / CLIPS_FOLDER)
+        if batch.shares_fit:
+            threads = count_processors()
+            shared, unfitted = share_fits(
+                batch.jobs, batch.output, progress, spelling=spelling, count=threads
+            )
+            rejected = (*batch.rejected, *unfitted)
+            batch = replace(batch, jobs=tuple(shared), rejected=rejected)
+            entries |= {entry.name: entry for entry in unfitted}
         try:
             with progress.stage("batch"), scheduler as active_scheduler:
                 for entry in batch.rejected:
@@ -149,11 +162,11 @@ def describe_batch(batch: BatchPlan) -> dict[str, list[Row]]:
     rejected: dict[str, list[Row]] = {
         entry.name: [(FAULT_LABEL, str(entry.fault))] for entry in batch.rejected
     }
-    planned = {job.name: _describe_job(job) for job in batch.jobs}
+    planned = {job.name: _describe_job(job, batch.shares_fit) for job in batch.jobs}
     return {name: (rejected | planned)[name] for name in batch.order}
 
 
-def _describe_job(job: ClipJob) -> list[Row]:
+def _describe_job(job: ClipJob, shares_fit: bool) -> list[Row]:
     settings, extraction = job.settings, Extraction(job.settings)
     try:
         extraction.open()
@@ -172,6 +185,7 @@ def _describe_job(job: ClipJob) -> list[Row]:
     cage = str(settings.cage or settings.binding)
     if settings.builds_cage:
         weights = "fitted" if extraction.fit is not None else "not fitted"
+        weights = "fitted to all clips of its model" if shares_fit else weights
         count = format_count(settings.build.vertices, "vertex")
         cage = f"would be built, of {count}; weights {weights}"
     return [

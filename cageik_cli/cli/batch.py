@@ -62,6 +62,12 @@ class BatchOptions:
     )
     resume: bool = declare_setting(False, "Continue: extract new, changed and failed clips.")
     overwrite: bool = declare_setting(False, "Extract all clips again, and replace the outputs.")
+    shared_fit: bool = declare_setting(
+        False,
+        "Fit one set of weights to all clips of a model, in the cage and the rest pose of the "
+        "first, so that export --skeleton makes one rig of their results.",
+        group=HelpGroup.FIT,
+    )
     pages: bool = declare_setting(
         True, "Write one HTML page per clip, linked from index.html.", group=HelpGroup.WRITTEN
     )
@@ -293,6 +299,8 @@ def plan_batch(options: BatchOptions, shared: SharedOptions) -> "BatchPlan":
             collected = tables.collect_options(clip.folder, clip.path)
             given = replace(shared, config_file=shared.config_file | collected)
             settings, limits = _make_clip_settings(clip, given, load_baseline)
+            if options.shared_fit:
+                _check_shared_fit(settings)
             jobs.append(_make_job(clip, settings, limits, options))
         except (click.UsageError, CageikError) as error:
             rejected.append(ClipEntry(clip.name, fault=to_unicode(_describe_fault(error))))
@@ -302,7 +310,22 @@ def plan_batch(options: BatchOptions, shared: SharedOptions) -> "BatchPlan":
         raise click.UsageError(message) if is_wrong_usage else SettingError(message)
     order = tuple(clip.name for clip in found)
     jobs = [replace(job, limits=job.limits.match_several(order)) for job in jobs]
-    return BatchPlan(options.output, tuple(jobs), tuple(rejected), order, tuple(notes))
+    return BatchPlan(
+        options.output, tuple(jobs), tuple(rejected), order, tuple(notes), options.shared_fit
+    )
+
+
+def _check_shared_fit(settings: "ExtractSettings") -> None:
+    """Refuse options of a clip that leave no weights to fit."""
+    others = {
+        "--binding": settings.binding is not None,
+        "--no-fit": settings.fit is False,
+        "--no-weights": not settings.keep_weights,
+        "options of captured data": settings.is_captured,
+    }
+    for other, is_given in others.items():
+        if is_given:
+            raise click.UsageError(f"--shared-fit does not go with {other}; leave out one of them")
 
 
 def _find_clips(

@@ -288,11 +288,12 @@ class GlbWriter(AnimationWriter):
 
     def __init__(self, target: Path, animation: Animation) -> None:
         self._target, self._animation = target, animation
-        start = animation.scene.start
-        if start not in (0, 1):
-            self.notes = (
-                f"frame {start:.10g} is at 0 s, where players begin; cageik reads its number",
-            )
+        starts = [clip.scene.start for clip in animation.clips or (animation,)]
+        self.notes = tuple(
+            f"frame {start:.10g} is at 0 s, where players begin; cageik reads its number"
+            for start in dict.fromkeys(starts)
+            if start not in (0, 1)
+        )
 
     def open_file(self, vector_count: int, spool_count: int) -> list[VectorSpool]:
         """Open the file, and spools of as many vectors per frame."""
