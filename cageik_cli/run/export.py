@@ -238,6 +238,7 @@ def _write_layers(
             MotionWriter,
             skin=replace(skin, rotations=skin.rotations[frames], turns=turns, error=clip.error),
             layer=settings.output.path,
+            clip=clip.name,
             is_extracted=is_extracted,
         )
         moving = replace(still, frame_count=clip.frame_count, scene=scene)

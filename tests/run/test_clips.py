@@ -126,6 +126,8 @@ def test_the_skin_follows_the_cages_if_an_input_is_gone(run, results):
 def skin(path):
     """The range of a USD file, its rate, and the mesh in all frames, by USD's own skinning."""
     stage = Usd.Stage.Open(path)
+    (motion,) = (prim.GetName() for prim in stage.Traverse() if prim.IsA(UsdSkel.Animation))
+    assert Path(path).stem.endswith(f"_{motion}")  # after which Blender names the action
     assert UsdSkel.BakeSkinning(UsdSkel.Root(stage.GetDefaultPrim()))
     points = UsdGeom.Mesh(stage.GetPrimAtPath("/cage/mesh")).GetPointsAttr()
     first, last = int(stage.GetStartTimeCode()), int(stage.GetEndTimeCode())

@@ -21,18 +21,28 @@ from cageik_cli.formats.usd.writer import (
 
 
 class MotionWriter(SkeletonWriter):
-    """Writes the motion of a skin whose mesh and skeleton are in the file `layer`, beside it."""
+    """Writes the motion of a skin whose mesh and skeleton are in the file `layer`, beside it.
+
+    Blender names the action after the motion, which has the name of the `clip` therefore.
+    """
 
     states_unit = False  # the layer does
 
     def __init__(
-        self, target: Path, animation: Animation, skin: Skin, layer: Path, *, is_extracted: bool
+        self,
+        target: Path,
+        animation: Animation,
+        skin: Skin,
+        *,
+        layer: Path,
+        clip: str,
+        is_extracted: bool,
     ) -> None:
         parts = nest_parts(self.prepare(animation, skin, is_extracted), animation.name)
         self.open_stage(target, animation, JOINT_BYTES * len(self.skeleton.names))
         self._cage_mesh = None
         with capture_diagnostics(OSError):
-            from pxr import UsdSkel
+            from pxr import Tf, UsdSkel
 
             self.stage.GetRootLayer().subLayerPaths.append(f"./{require_unicode(Path(layer.name))}")
             meshes = place_meshes(choose_prim_paths([part.name for part in parts], animation.name))
@@ -44,4 +54,4 @@ class MotionWriter(SkeletonWriter):
             self.stage.RemovePrim(self.root)  # that of the layer is another
             self.root = str(skeleton.GetPath().GetPrefixes()[0])
             self.stage.SetDefaultPrim(self.stage.OverridePrim(self.root))
-            self.define_motion()
+            self.define_motion(Tf.MakeValidIdentifier(clip))

@@ -70,6 +70,9 @@ MAX_SKIN_CHANGE = 1e-3
 JOINT_BYTES = 12 + 16
 """Bytes of a joint in a frame: a translation and a rotation in single precision."""
 
+MOTION = "motion"
+"""The name of a skeleton's only motion."""
+
 SPLAT_SCHEMA = "ParticleField3DGaussianSplat"
 
 
@@ -465,7 +468,7 @@ class SkeletonWriter(UsdWriter):
             self.place += "_"
         skeleton = UsdSkel.Skeleton.Define(stage, self.place)
         if moves:
-            UsdSkel.Animation.Define(stage, f"{self.place}/motion")
+            UsdSkel.Animation.Define(stage, f"{self.place}/{MOTION}")
         self.joints: list[str] = []
         for name, parent in zip(tree.names, tree.parents, strict=True):
             self.joints.append(name if parent < 0 else f"{self.joints[parent]}/{name}")
@@ -476,12 +479,12 @@ class SkeletonWriter(UsdWriter):
         skeleton.CreateRestTransformsAttr(Vt.Matrix4dArray.FromNumpy(_make_translations(rest)))
         UsdSkel.BindingAPI.Apply(skeleton.GetPrim())
 
-    def define_motion(self) -> None:
-        """Define what moves the joints, and bind the skeleton to it."""
+    def define_motion(self, name: str = MOTION) -> None:
+        """Define what moves the joints, of this name, and bind the skeleton to it."""
         from pxr import UsdSkel, Vt
 
         stage, joints = self.stage, self.joints
-        animation = UsdSkel.Animation.Define(stage, f"{self.place}/motion")
+        animation = UsdSkel.Animation.Define(stage, f"{self.place}/{name}")
         binding = UsdSkel.BindingAPI(stage.GetPrimAtPath(self.place))
         binding.CreateAnimationSourceRel().SetTargets([animation.GetPath()])
         animation.CreateJointsAttr(joints)
