@@ -69,16 +69,17 @@ def share_fits(
         try:
             with progress.stage("fit"):
                 make_folder(path.parent)
-                write_binding(path, _fit_readable(clips, progress, count), overwrite=True)
+                stored, fitted = _fit_readable(clips, progress, count)
+                write_binding(path, stored, overwrite=True)
         except CageikError as error:
             fault = to_unicode(spell(error.text, spelling))
             rejected += [ClipEntry(clip.job.name, fault=fault) for clip in clips]
             for clip in clips:
                 del shared[clip.job.name]
             continue
-        many, members = len(clips), join_truncated(clip.job.name for clip in clips)
         place = f"{BINDINGS_FOLDER}/{path.name}"
-        text = f"{place}: one set of weights for {format_count(many, 'clip')}: {members}"
+        members = join_truncated(clip.job.name for clip in fitted)
+        text = f"{place}: one set of weights for {format_count(len(fitted), 'clip')}: {members}"
         progress.note("fit", text)
         for clip in clips:
             shared[clip.job.name] = _take_binding(clip.job, path)
@@ -107,14 +108,14 @@ def _take_binding(job: ClipJob, path: Path) -> ClipJob:
 
 def _fit_readable(
     clips: Sequence[OpenedClip], progress: ProgressListener, count: int
-) -> StoredBinding:
-    """Fit the weights of a model to all its clips but those that cannot be read."""
+) -> tuple[StoredBinding, list[OpenedClip]]:
+    """Fit the weights of a model to all its clips but those that cannot be read; return these."""
     first = clips[0].extraction
     first.settings = replace(first.settings, jobs=count)
     stored, left = first.bind(), list(clips)
     while True:
         try:
-            return stored.with_fit(_fit(stored, left, progress, count))
+            return stored.with_fit(_fit(stored, left, progress, count)), left
         except InputError as error:
             readable = [clip for clip in left if not _has_frame(clip, error.locations[:1])]
             if len(readable) in (0, len(left)):

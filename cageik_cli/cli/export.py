@@ -46,9 +46,10 @@ def make_export_settings(**values: Any) -> ExportSettings:
 def export_command(settings: ExportSettings, quiet: bool) -> None:
     """Convert a cage animation to other formats.
 
-    The cages of RESULT are written to OUT, whose suffix is the format: a file (.npz, .pc2, .mdd,
+    The cages of a result are written to OUT, whose suffix is the format: a file (.npz, .pc2, .mdd,
     .glb, .usd*, .abc), a folder of frames (.obj, .ply) or of textures (.vat), or numbered files
-    in a folder, such as cage/cage_####.obj.
+    in a folder, such as cage/cage_####.obj. With --skeleton, several results are the animations
+    of one model.
     """
     from cageik_cli.cli.output import format_command_output, show_progress
     from cageik_cli.run.export import export

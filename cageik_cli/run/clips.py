@@ -90,12 +90,17 @@ def measure_rms(results: Sequence[StoredAnimation]) -> float | None:
 
 
 def name_clips(results: Sequence[StoredAnimation]) -> list[str]:
-    """Name the clips: as in a file of several clips, else as the file of the result; all differ."""
+    """Name the clips: as in a file of several clips, else as the file of the result; all differ.
+
+    A batch names that after the file of the clip, whose suffix is left out.
+    """
     names = []
     for result in results:
-        member = _get_source(result).partition("::")[2].partition("::")[0]
+        file, _, inside = _get_source(result).partition("::")
+        member, stem = inside.partition("::")[0], result.path.stem
         is_name = bool(member) and not member.isdigit() and not member.startswith("/")
-        names.append(member if is_name else result.path.stem)
+        suffix = Path(file).suffix if file and stem.endswith(file) else ""
+        names.append(member if is_name else stem.removesuffix(suffix))
     return number_names(names)
 
 

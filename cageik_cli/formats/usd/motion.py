@@ -12,7 +12,7 @@ from cageik_cli.formats.base.skeleton import Skin
 from cageik_cli.formats.base.writers import Animation
 from cageik_cli.formats.usd.library import capture_diagnostics
 from cageik_cli.formats.usd.writer import (
-    JOINT_BYTES,
+    JOINT_FRAME_BYTES,
     SkeletonWriter,
     choose_prim_paths,
     nest_parts,
@@ -39,7 +39,7 @@ class MotionWriter(SkeletonWriter):
         is_extracted: bool,
     ) -> None:
         parts = nest_parts(self.prepare(animation, skin, is_extracted), animation.name)
-        self.open_stage(target, animation, JOINT_BYTES * len(self.skeleton.names))
+        self.open_stage(target, animation, JOINT_FRAME_BYTES * len(self.skeleton.names))
         self._cage_mesh = None
         with capture_diagnostics(OSError):
             from pxr import Tf, UsdSkel

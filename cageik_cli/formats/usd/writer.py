@@ -67,7 +67,7 @@ MAX_CHECKED_FRAMES = 16
 MAX_SKIN_CHANGE = 1e-3
 """A skin that USD poses differently is noted above it, in percent of the diagonal."""
 
-JOINT_BYTES = 12 + 16
+JOINT_FRAME_BYTES = 12 + 16
 """Bytes of a joint in a frame: a translation and a rotation in single precision."""
 
 MOTION = "motion"
@@ -367,7 +367,7 @@ class SkeletonWriter(UsdWriter):
             parts.append(Part(name, animation.rest, whole, np.eye(4)))
             animation = replace(animation, guide=name if animation.guide else "")
         moving = count_frame_bytes(animation.rest) if has_cage else 0
-        self.open_stage(target, animation, moving + JOINT_BYTES * len(self.skeleton.names))
+        self.open_stage(target, animation, moving + JOINT_FRAME_BYTES * len(self.skeleton.names))
         with capture_diagnostics(OSError):
             meshes = define_parts(self, animation, parts, is_cache=False)
             self._cage_mesh = meshes.pop() if has_cage else None
