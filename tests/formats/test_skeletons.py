@@ -594,3 +594,20 @@ def test_our_reader_poses_what_our_writer_wrote(tmp_path, weights):
     np.testing.assert_allclose(frames_of(sequence), expect(WEIGHTS[weights]), rtol=0, atol=5e-6)
     np.testing.assert_allclose(frames_of(sequence), found.skin(), rtol=0, atol=1e-6)
     assert (sequence.scene.fps, sequence.scene.start) == (25, 3)
+
+
+@pytest.mark.parametrize("is_extracted", [False, True])
+def test_a_clip_begins_as_if_none_was_before(is_extracted):
+    """Neither the heading nor the signs of quaternions go on from the clip before."""
+    turns = np.outer(np.linspace(0, 5, len(CAGES)), [0, 1.0, 0])  # more than half a turn
+    rotations = Rotation.from_rotvec(np.concatenate([turns, turns[::-1]])).as_matrix()
+    skin = Skin(REST, WEIGHTS["4"], rotations)
+    both = Skeleton(CAGE.vertices, skin, is_extracted=is_extracted)
+    list(both.advance(CAGES))
+    both.begin_clip()
+    alone = Skeleton(
+        CAGE.vertices, replace(skin, rotations=rotations[len(CAGES) :]), is_extracted=is_extracted
+    )
+    for found, expected in zip(both.advance(CAGES), alone.advance(CAGES), strict=True):
+        for each, other in zip(found, expected, strict=True):
+            np.testing.assert_array_equal(each, other)
