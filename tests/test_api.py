@@ -152,7 +152,7 @@ def test_frames_of_another_shape_are_refused(binding, shape):
 
 
 def test_settings_that_cannot_be_are_refused(binding, animation):
-    with pytest.raises(SettingError, match=r"alpha is -1\.0"):
+    with pytest.raises(SettingError, match=r"`alpha=` is -1\.0"):
         cageik_cli.extract(animation.frames, binding, alpha=-1.0)
     with pytest.raises(SettingError, match="best"):
         cageik_cli.bind(animation.rest, animation.cage, accuracy="best")

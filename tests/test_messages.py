@@ -173,7 +173,7 @@ MESSAGES = {
     "impossible setting": (
         [*EXTRACT, "--alpha", "-1"],
         2,
-        "Error: alpha is -1.0, expected a finite number, zero or above",
+        "Error: --alpha is -1.0, expected a finite number, zero or above",
     ),
     "missing option": (
         [*EXTRACT, "--config", "cageik.toml"],

@@ -64,7 +64,7 @@ class BuildSettings:
         is_recorded_unset=False,  # so that earlier results are those of the default
         option="--symmetric",
         choices=get_args(SymmetryChoice),
-        refusal="symmetric is {value!r}, expected one of "
+        refusal="`symmetric=` is {value!r}, expected one of "
         f"{', '.join(map(repr, get_args(SymmetryChoice)))}",
     )
     quads: bool = declare_setting(

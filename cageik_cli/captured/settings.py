@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from typing import Final, Literal
 
 from cageik_cli.util.errors import SettingError
+from cageik_cli.util.messages import Hint
 from cageik_cli.util.settings import HelpGroup, check_settings, declare_setting
 
 AUTO_SMOOTHING: Final = "auto"
@@ -44,7 +45,7 @@ class CaptureSettings:
         expected="a number of seconds",
         metavar=f"SECONDS|{AUTO_SMOOTHING}",
         above=0,
-        refusal="smooth is {value}, expected seconds above 0, or auto",
+        refusal="`smooth=` is {value}, expected seconds above 0, or auto",
         group=HelpGroup.CAPTURED,
     )
     fill_gaps: bool = declare_setting(
@@ -64,7 +65,7 @@ class CaptureSettings:
         period = self.smooth
         if isinstance(period, float | int) and period * fps > MAX_SMOOTHING_PERIOD:
             raise SettingError(
-                f"smooth is {period:.6g} seconds, expected at most "
+                Hint("smooth") + f" is {period:.6g} seconds, expected at most "
                 f"{MAX_SMOOTHING_PERIOD / fps:.4g} ({MAX_SMOOTHING_PERIOD} frames at {fps:g} per "
                 "second); state a shorter period"
             )

@@ -152,7 +152,7 @@ class FitSettings:
         meaning="rank of what a fit changes in the weights; none is any",
         unset="any",
         minimum=1,
-        refusal="fit rank is {value}, expected 1 or more",
+        refusal="`rank=` is {value}, expected 1 or more",
         group=HelpGroup.FIT,
         excludes=(
             (
@@ -170,7 +170,7 @@ class FitSettings:
         meaning="cage vertices that move each vertex, at most; none is all",
         unset="all",
         minimum=1,
-        refusal="fit influences is {value}, expected 1 or more",
+        refusal="`influences=` is {value}, expected 1 or more",
         group=HelpGroup.FIT,
     )
 

@@ -8,11 +8,14 @@ from collections.abc import Collection, Iterator, Mapping
 from dataclasses import MISSING, Field, dataclass, field, fields, replace
 from enum import StrEnum
 from math import inf
-from types import NoneType
-from typing import Any, Literal, get_args
+from numbers import Integral, Real
+from os import PathLike
+from pathlib import Path
+from types import NoneType, UnionType
+from typing import Any, Literal, Union, get_args, get_origin
 
 from cageik_cli.util.errors import SettingError
-from cageik_cli.util.messages import say
+from cageik_cli.util.messages import Hint, say
 
 DEFAULT_MEMORY = 1 << 30
 """Bytes of weights and frames in memory, if no limit is given."""
@@ -129,7 +132,7 @@ class Setting:
 
     def is_allowed(self, value: Any) -> bool:
         """Return whether a value is one of the choices, or in its bounds."""
-        if self.word is not None and value == self.word:
+        if _is_word(value, self):
             return True
         if self.choices:
             return value in self.choices
@@ -140,9 +143,11 @@ class Setting:
         return bool(least and most and (self.above is None or value > self.above) and value != inf)
 
     def describe_allowed(self, kind: type) -> str:
-        """Return in words which values are allowed, where these are choices or have a least."""
+        """Return in words which values are allowed; "" for all of the type."""
         if self.choices:
             return f"one of {', '.join(self.choices)}"
+        if (self.minimum, self.maximum, self.above) == (None, None, None):
+            return ""
         if self.minimum is not None and self.maximum is not None:
             return f"{self.minimum:g} to {self.maximum:g}"
         if kind is int:
@@ -217,6 +222,53 @@ def find_kind(setting: "Field[Any]") -> type:
     return next((one for one in kinds if one is not NoneType), str)
 
 
+def _is_word(value: Any, setting: Setting) -> bool:
+    """Return whether a value is the word that may stand in its place; an array is none."""
+    return isinstance(value, str) and value == setting.word
+
+
+def matches(value: Any, annotation: Any) -> bool:
+    """Return whether a value is of a type; numbers of NumPy are numbers, and names are paths.
+
+    A type that is stated by its name alone, and one that this module does not know, has any value.
+    """
+    kinds = get_args(annotation)
+    if get_origin(annotation) in (Union, UnionType):
+        return any(matches(value, kind) for kind in kinds)
+    if get_origin(annotation) is Literal:
+        return isinstance(value, str) and value in kinds
+    if get_origin(annotation) is tuple:
+        if not isinstance(value, tuple):
+            return False
+        ones = kinds[:1] * len(value) if kinds[-1] is ... else kinds
+        return len(value) == len(ones) and all(map(matches, value, ones))
+    if annotation is NoneType:
+        return value is None
+    if not isinstance(annotation, type):
+        return True
+    is_flag = isinstance(value, bool) or getattr(value, "dtype", None) == "bool"
+    if annotation in (int, float):
+        return isinstance(value, Integral if annotation is int else Real) and not is_flag
+    if annotation is bool:
+        return is_flag
+    return isinstance(value, str | PathLike if annotation is Path else annotation)
+
+
+def describe_type(annotation: Any) -> str:
+    """Return in words which values are of a type."""
+    kinds = get_args(annotation)
+    if get_origin(annotation) in (Union, UnionType):
+        return " or ".join(describe_type(kind) for kind in kinds)
+    if get_origin(annotation) is Literal:
+        return " or ".join(kinds)
+    if get_origin(annotation) is tuple:
+        kind = describe_type(kinds[0])
+        return f"a tuple, each {kind}" if kinds[-1:] == (...,) else f"{len(kinds)} values, {kind}"
+    words = {bool: "True or False", int: "a whole number", float: "a number", str: "text"}
+    words |= {Path: "a path", NoneType: "None"}
+    return words.get(annotation) or f"a {getattr(annotation, '__name__', annotation)}"
+
+
 def check_settings(record: Any) -> None:
     """Refuse values that are not allowed, and settings that do not go together.
 
@@ -228,21 +280,17 @@ def check_settings(record: Any) -> None:
     for one, setting in list_settings(record):
         value = getattr(record, one.name)
         kinds = {*(get_args(one.type) or (one.type,))}
-        is_unset = value is None and NoneType in kinds
         # Where the type has no words, None stands for the word of the command line.
-        is_word = value == setting.word and not kinds <= {int, float, NoneType}
-        takes_text = str in kinds or not kinds & {int, float}
-        is_misread = isinstance(value, str) and not (takes_text or is_word)
+        is_word = _is_word(value, setting) and not kinds <= {int, float, NoneType}
+        is_misread = not (is_word or matches(value, one.type))
+        is_unset = value is None and NoneType in kinds
         if is_misread or not (is_unset or setting.is_allowed(value)):
             if setting.refusal is not None and not is_misread:
-                percent = value if isinstance(value, str) or value is None else 100 * value
                 refusal = say(setting.refusal)
-                raise SettingError(refusal.format(value=value, percent=percent))
-            shown = repr(value) if isinstance(value, str) else value
-            name = (setting.name or one.name).replace("_", " ")
-            raise SettingError(
-                f"{name} is {shown}, expected {setting.describe_allowed(find_kind(one))}"
-            )
+                raise SettingError(refusal.format(value=value, percent=100 * value))
+            shown = value if isinstance(value, int | float) else repr(value)
+            expected = setting.describe_allowed(find_kind(one)) or describe_type(one.type)
+            raise SettingError(Hint(one.name) + f" is {shown}, expected {expected}")
     defaults = {one.name: one.default for one in fields(record)}
     for one, setting in list_settings(record):
         for other, message in setting.excludes:

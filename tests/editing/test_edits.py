@@ -140,7 +140,7 @@ def test_frames_behind_the_camera_are_allowed_where_the_handle_does_not_act(cage
 
 
 def test_a_too_large_ratio_of_weights_is_refused():
-    with pytest.raises(SettingError, match=r"alpha is 1e\+300, .* 1e-300"):
+    with pytest.raises(SettingError, match=r"`alpha=` is 1e\+300, .* 1e-300"):
         PosingSettings(1e300, 1e-300)
     assert PosingSettings(1e-300, 1e300).beta == 1e300
 

@@ -111,7 +111,7 @@ def test_similarity_transforms_of_the_input_do_not_change_the_weights(scale, see
 
 def test_a_word_of_the_command_line_is_no_number():
     """There `auto` stands for None."""
-    with pytest.raises(SettingError, match="fit regularization is 'auto', expected a finite"):
+    with pytest.raises(SettingError, match="`regularization=` is 'auto', expected a finite"):
         FitSettings("auto")
 
 
@@ -249,11 +249,11 @@ def test_threads_take_no_memory_from_the_sample(jobs):
 @pytest.mark.parametrize(
     ("wrong", "named"),
     [
-        ({"regularization": 0.0}, "regularization is 0.0"),
-        ({"regularization": np.nan}, "regularization is nan"),
-        ({"smoothness": -1.0}, "smoothness is -1.0"),
-        ({"rank": 0}, "rank is 0"),
-        ({"influences": 0}, "influences is 0"),
+        ({"regularization": 0.0}, "`regularization=` is 0.0"),
+        ({"regularization": np.nan}, "`regularization=` is nan"),
+        ({"smoothness": -1.0}, "`smoothness=` is -1.0"),
+        ({"rank": 0}, "`rank=` is 0"),
+        ({"influences": 0}, "`influences=` is 0"),
         ({"rank": 2, "influences": 4}, "rank is 2"),
     ],
 )

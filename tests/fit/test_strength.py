@@ -253,7 +253,7 @@ def test_weights_are_blended_until_edits_are_smooth_enough():
 @pytest.mark.parametrize(
     ("wrong", "named"),
     [
-        ({"use": "look"}, "fit for is 'look', expected one of edit, play"),
+        ({"use": "look"}, "`use=` is 'look', expected one of edit, play"),
         ({"use": "play", "regularization": 0.1}, "the fit is for play, but its regularization"),
     ],
 )

@@ -155,7 +155,7 @@ RECORD_DAMAGES = [
     (fit_attribute(["report", "limit"], "taste"), '`fit.report.limit` is "taste", expected one of'),
     (fit_attribute(["report", "edits", "smooth"], -1.0), "smooth is -1.0"),
     (fit_attribute(["settings", "use"], "look"), '`fit.settings.use` is "look", expected one of e'),
-    (fit_attribute(["settings", "smoothness"], -1.0), "smoothness is -1.0"),
+    (fit_attribute(["settings", "smoothness"], -1.0), "`smoothness=` is -1.0"),
     (fit_attribute(["settings", "influences"], [1]), "`fit.settings.influences` is a list"),
     (fit_attribute(["clips", 0, "name"], 3), "`fit.clips[0].name` is 3"),
     (attribute("fit", "{"), "`fit` is not a JSON dict"),
@@ -166,7 +166,7 @@ RANK_DAMAGES = [
     (rewritten("fit/basis", lambda held: held[:, :1]), "`fit/basis` has shape"),
     (rewritten("fit/columns", lambda held: held[1:]), "`fit/columns` has shape"),
     (replaced("fit/basis"), "`fit/basis`"),
-    (fit_attribute(["settings", "rank"], 0), "rank is 0"),
+    (fit_attribute(["settings", "rank"], 0), "`rank=` is 0"),
 ]
 
 

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from math import isfinite
 
 from cageik_cli.util.errors import SettingError
+from cageik_cli.util.messages import Hint
 from cageik_cli.util.settings import HelpGroup, check_settings, declare_setting
 
 DEFAULT_POSE_ALPHA = 1e-6
@@ -20,10 +21,11 @@ def validate_weights(alpha: float, beta: float) -> None:
     """Check the weights of the Laplacian and of the anchors."""
     for name, value in (("alpha", alpha), ("beta", beta)):
         if not (isfinite(value) and value > 0):
-            raise SettingError(f"{name} is {value}, expected a finite number above 0")
+            raise SettingError(Hint(name) + f" is {value}, expected a finite number above 0")
     if alpha / MAX_WEIGHT_RATIO > beta:
         raise SettingError(
-            f"alpha is {alpha}, expected at most {MAX_WEIGHT_RATIO:g} times beta, which is {beta}; "
+            Hint("alpha")
+            + f" is {alpha}, expected at most {MAX_WEIGHT_RATIO:g} times beta, which is {beta}; "
             "make alpha smaller"
         )
 
@@ -97,5 +99,5 @@ class PosingSettings:
     )
 
     def __post_init__(self) -> None:
-        validate_weights(self.alpha, self.beta)
         check_settings(self)
+        validate_weights(self.alpha, self.beta)

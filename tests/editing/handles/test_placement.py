@@ -100,7 +100,7 @@ def test_the_advised_limit_is_enough(tmp_path):
 
 @pytest.mark.parametrize("snap", [-1, np.nan, np.inf])
 def test_impossible_limits_of_snap_are_refused(snap):
-    with pytest.raises(SettingError, match=f"snap is {snap}, expected a finite number"):
+    with pytest.raises(SettingError, match=f"`snap=` is {snap}, expected a finite number"):
         PosingSettings(snap=snap)
 
 

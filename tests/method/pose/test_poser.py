@@ -364,7 +364,7 @@ def test_a_hard_anchor_on_a_locked_cage_vertex_is_refused_alone(binding):
 @pytest.mark.parametrize("value", [0.0, -1.0, np.nan, np.inf])
 @pytest.mark.parametrize("name", ["alpha", "beta"])
 def test_invalid_weights_are_refused(binding, name, value):
-    with pytest.raises(SettingError, match=f"{name} is {value}"):
+    with pytest.raises(SettingError, match=f"`{name}=` is {value}"):
         Poser(binding, [], **{name: value})
 
 

@@ -250,9 +250,9 @@ def test_bad_vertex_weights_are_refused(weights, says):
 @pytest.mark.parametrize(
     ("alpha", "beta", "says"),
     [
-        (-1.0, 1.0, "alpha is -1.0"),
-        (np.nan, 1.0, "alpha is nan"),
-        (1.0, np.inf, "beta is inf"),
+        (-1.0, 1.0, "`alpha=` is -1.0"),
+        (np.nan, 1.0, "`alpha=` is nan"),
+        (1.0, np.inf, "`beta=` is inf"),
         (0.0, 0.0, "alpha and beta are both 0"),
     ],
 )

@@ -183,5 +183,5 @@ def test_weights_begin_at_one_and_grow_with_a_power():
 
 @pytest.mark.parametrize("value", [1.9, 0, -3, 12.5, float("nan"), float("inf")])
 def test_other_norms_are_refused(value):
-    with pytest.raises(SettingError, match=r"norm is .*, expected 2 to 8"):
+    with pytest.raises(SettingError, match=r"`norm=` is .*, expected 2 to 8"):
         SolveSettings(norm=value)

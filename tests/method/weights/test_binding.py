@@ -16,7 +16,7 @@ from tests.shapes import box, octahedron
 
 
 def test_unknown_coordinates_are_refused():
-    with pytest.raises(SettingError, match="coordinates is 'green'"):
+    with pytest.raises(SettingError, match="`coordinates=` is 'green'"):
         BindSettings(coordinates="green")
 
 
