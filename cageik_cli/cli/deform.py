@@ -7,31 +7,16 @@ import click
 from cageik_cli.cli.command import GroupedCommand, get_verbosity, option
 from cageik_cli.cli.options import (
     CACHE_OPTIONS,
-    check_morph_usage,
     common_options,
     jobs_option,
     output_options,
 )
-from cageik_cli.cli.options.group import PATH_TYPE, OptionGroup, list_options, refuse_options
-from cageik_cli.formats.settings import MorphSettings
+from cageik_cli.cli.options.group import PATH_TYPE, OptionGroup, list_options
 from cageik_cli.run.settings import DeformSettings
 
 
 def make_deform_settings(**values: Any) -> DeformSettings:
-    """Make the settings of a run; values that contradict each other are wrong usage."""
-    if values["cages"] is None:
-        of_cages = ("selection", "layout", "allow_gaps", "close_gaps")
-        refuse_options(of_cages, "{} is for the clip of --cages; leave it out, or give --cages")
-        if not values["mesh"]:
-            message = "{} is for --mesh and --cages; leave it out, or give one of them"
-            refuse_options(("exclude",), message)
-    has_morphs = values["morphs"] != MorphSettings(has_normals=True)
-    check_morph_usage("--morphs, --tolerance and --flat", has_morphs, values["output"].path)
-    if values["texture"] != "png" and values["output"].path.suffix.lower() != ".vat":
-        raise click.UsageError(
-            "--texture applies to a folder of textures, and the output is "
-            f"{values['output'].path}; leave it out, or write .vat"
-        )
+    """Make the settings of a run."""
     return DeformSettings(compares=get_verbosity() > 0, **values)
 
 

@@ -7,23 +7,15 @@ import click
 from cageik_cli.cli.command import GroupedCommand, get_verbosity
 from cageik_cli.cli.options import (
     CACHE_OPTIONS,
-    check_morph_usage,
     common_options,
     output_options,
 )
 from cageik_cli.cli.options.group import PATH_TYPE, OptionGroup, list_options
-from cageik_cli.formats.settings import MorphSettings
 from cageik_cli.run.settings import ExportSettings
 
 
 def make_export_settings(**values: Any) -> ExportSettings:
-    """Make the settings of an export; values that contradict each other are wrong usage."""
-    if values["morphs"].count is not None and values["skeleton"]:
-        raise click.UsageError(
-            "--morphs does not go with --skeleton, which has none; give --influences"
-        )
-    has_morphs = values["morphs"] != MorphSettings()
-    check_morph_usage("--morphs and --tolerance", has_morphs, values["output"].path)
+    """Make the settings of an export."""
     return ExportSettings(compares=get_verbosity() > 0, **values)
 
 

@@ -135,7 +135,8 @@ def _find_option(name: str, command: click.Command | None) -> str | None:
     return {
         "repair": "cageik cage --repair",
         "keep_weights": "without --no-weights",
-        "count": "--morphs",
+        "morphs": "--morphs",
+        "has_normals": "--flat",
         "recentre": "--recentre",
     }.get(name)
 

@@ -336,7 +336,7 @@ class MorphSettings:
 
     Attributes
     ----------
-    count : int, optional
+    morphs : int, optional
         Targets at most; `MAX_MORPHS` with a tolerance, else `DEFAULT_MORPHS`, if absent.
     tolerance : float, optional
         Largest distance of a vertex from its place in a frame, percent of the diagonal of the rest
@@ -345,10 +345,9 @@ class MorphSettings:
         Write normals, which morph too.
     """
 
-    count: int | None = declare_setting(
+    morphs: int | None = declare_setting(
         None,
         "Write at most this number of morph targets (.glb).",
-        option="--morphs",
         unset=f"{DEFAULT_MORPHS}, or {MAX_MORPHS} with --tolerance",
         minimum=2,
         maximum=MAX_MORPHS,
@@ -379,6 +378,6 @@ class MorphSettings:
     @property
     def limit(self) -> int:
         """Targets at most."""
-        if self.count is not None:
-            return self.count
+        if self.morphs is not None:
+            return self.morphs
         return DEFAULT_MORPHS if self.tolerance is None else MAX_MORPHS

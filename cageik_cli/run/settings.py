@@ -33,7 +33,7 @@ from cageik_cli.method.pose.settings import PosingSettings
 from cageik_cli.method.solve.settings import LEAST_SQUARES, SolveSettings
 from cageik_cli.method.weights.settings import BindSettings
 from cageik_cli.util.errors import SettingError
-from cageik_cli.util.messages import say
+from cageik_cli.util.messages import Hint, say
 from cageik_cli.util.settings import (
     HelpGroup,
     declare_group,
@@ -399,6 +399,35 @@ class DeformSettings(CommandSettings):
     jobs: int = 1
     compares: bool = False
 
+    def __post_init__(self) -> None:
+        CommandSettings.__post_init__(self)
+        if self.cages is None:
+            self._check_no_clip()
+        words = "`morphs=`, `tolerance=` and `has_normals=`"
+        _check_morphs(words, self.morphs != MorphSettings(has_normals=True), self.output)
+        if self.texture != "png" and self.output.path.suffix.lower() != ".vat":
+            raise SettingError(
+                say("`texture=`")
+                + " applies to a folder of textures, and the output is "
+                + f"{self.output.path}; leave it out, or write .vat"
+            )
+
+    def _check_no_clip(self) -> None:
+        """Refuse settings of a clip where none is read."""
+        clip, usual = self.clip, ClipSettings()
+        given = {
+            Hint("selection"): clip.selection != usual.selection,
+            Hint("layout"): clip.layout is not None,
+            Hint("allow_gaps", True): clip.gaps == "keep",
+            Hint("close_gaps", True): clip.gaps == "close",
+        }
+        for hint in (hint for hint, is_given in given.items() if is_given):
+            message = " is for the clip of `cages=`; leave it out, or give `cages=`"
+            raise SettingError(hint + say(message))
+        if clip.exclude and not self.mesh:
+            message = " is for `mesh=` and `cages=`; leave it out, or give one of them"
+            raise SettingError(Hint("exclude") + say(message))
+
 
 @dataclass(frozen=True, slots=True)
 class ExportSettings(CommandSettings):
@@ -462,9 +491,17 @@ class ExportSettings(CommandSettings):
         "render (.usd*).",
         needs="with_model",
     )
-    morphs: MorphSettings = declare_group(MorphSettings(), {"count": {}, "tolerance": {}})
+    morphs: MorphSettings = declare_group(MorphSettings(), {"morphs": {}, "tolerance": {}})
     cache: Path | None = None
     compares: bool = False
+
+    def __post_init__(self) -> None:
+        CommandSettings.__post_init__(self)
+        if self.morphs.morphs is not None and self.skeleton:
+            message = "does not go with `skeleton=True`, which has none; give `influences=`"
+            raise SettingError(say("`morphs=` " + message))
+        has_morphs = self.morphs != MorphSettings()
+        _check_morphs("`morphs=` and `tolerance=`", has_morphs, self.output)
 
     def outputs(self) -> list[Path]:
         """Return what is written; one file of a format of frames is that of the rest cage."""
@@ -478,6 +515,16 @@ class ExportSettings(CommandSettings):
         output = self.output
         is_frame = output.path.suffix.lower()[1:] in frame_formats() and output.frame_names is None
         return is_frame and not names_parts(output.path)
+
+
+def _check_morphs(words: str, is_given: bool, output: "Output") -> None:
+    """Refuse settings of morph targets for another format; `words` name them."""
+    if is_given and output.path.suffix.lower() != ".glb":
+        raise SettingError(
+            say(words)
+            + f" apply to .glb files, and the output is {output.path}; leave them out, or write "
+            ".glb"
+        )
 
 
 @dataclass(frozen=True, slots=True)

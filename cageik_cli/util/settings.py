@@ -4,7 +4,7 @@ A record of settings is a frozen dataclass whose fields are made by `declare_set
 `declare_group` for a record in it. This module knows neither click nor numerics.
 """
 
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import MISSING, Field, dataclass, field, fields, replace
 from enum import StrEnum
 from math import inf
@@ -15,10 +15,14 @@ from types import NoneType, UnionType
 from typing import Any, Literal, Union, get_args, get_origin
 
 from cageik_cli.util.errors import SettingError
-from cageik_cli.util.messages import Hint, say
+from cageik_cli.util.messages import Hint, Text, say
 
 DEFAULT_MEMORY = 1 << 30
 """Bytes of weights and frames in memory, if no limit is given."""
+
+
+MAX_SHOWN = 60
+"""Letters of a value that a message shows."""
 
 
 class HelpGroup(StrEnum):
@@ -242,8 +246,12 @@ def matches(value: Any, annotation: Any) -> bool:
             return False
         ones = kinds[:1] * len(value) if kinds[-1] is ... else kinds
         return len(value) == len(ones) and all(map(matches, value, ones))
-    if annotation is NoneType:
+    if annotation in (None, NoneType):
         return value is None
+    if get_origin(annotation) is Sequence:
+        is_sequence = isinstance(value, Sequence) and not isinstance(value, str)
+        return is_sequence and all(matches(one, kinds[0]) for one in value)
+    annotation = get_origin(annotation) or annotation
     if not isinstance(annotation, type):
         return True
     is_flag = isinstance(value, bool) or getattr(value, "dtype", None) == "bool"
@@ -252,6 +260,14 @@ def matches(value: Any, annotation: Any) -> bool:
     if annotation is bool:
         return is_flag
     return isinstance(value, str | PathLike if annotation is Path else annotation)
+
+
+def show_value(value: Any) -> str:
+    """Return a value as messages show it: what is long, such as an array, by its type alone."""
+    if isinstance(value, int | float):
+        return str(value)
+    shown = repr(value)
+    return shown if len(shown) <= MAX_SHOWN and shown.isprintable() else f"a {type(value).__name__}"
 
 
 def describe_type(annotation: Any) -> str:
@@ -288,11 +304,15 @@ def check_settings(record: Any) -> None:
             if setting.refusal is not None and not is_misread:
                 refusal = say(setting.refusal)
                 raise SettingError(refusal.format(value=value, percent=100 * value))
-            shown = value if isinstance(value, int | float) else repr(value)
             expected = setting.describe_allowed(find_kind(one)) or describe_type(one.type)
-            raise SettingError(Hint(one.name) + f" is {shown}, expected {expected}")
+            raise SettingError(Hint(one.name) + f" is {show_value(value)}, expected {expected}")
     defaults = {one.name: one.default for one in fields(record)}
     for one, setting in list_settings(record):
+        is_given = getattr(record, one.name) not in (None, defaults[one.name])
+        if setting.needs is not None and is_given and not getattr(record, setting.needs):
+            first, between, *after = setting.needs_message.split("{}")
+            needed = Hint(setting.needs) if after else ""
+            raise SettingError(Text(first, Hint(one.name), between, needed, *after))
         for other, message in setting.excludes:
             values = {name: getattr(record, name) for name in (one.name, other)}
             if all(value != defaults[name] for name, value in values.items()):

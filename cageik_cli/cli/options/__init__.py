@@ -145,11 +145,3 @@ CACHE_OPTIONS = OptionGroup(
 
 WEIGHT_NAMES = (*(one.name for one in fields(BindSettings)), "cache", "no_cache", "jobs")
 """The options of weights, which some targets bring."""
-
-
-def check_morph_usage(options: str, is_given: bool, out: Path) -> None:
-    """Refuse options of morph targets for another format as wrong usage."""
-    if is_given and out.suffix.lower() != ".glb":
-        raise click.UsageError(
-            f"{options} apply to .glb files, and the output is {out}; leave them out, or write .glb"
-        )

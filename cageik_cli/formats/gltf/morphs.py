@@ -232,7 +232,7 @@ class Writer(GlbWriter):
                 f"{text} leave a largest error of {largest:.2g} % of the diagonal, above the "
                 f"tolerance of {settings.tolerance:g} %; "
                 + say("give a higher `tolerance=`")
-                + ("" if settings.count is None else say(" or a higher `count=`"))
+                + ("" if settings.morphs is None else say(" or a higher `morphs=`"))
                 + ", or write .usdc, .abc or .pc2"
             )
         quality = f"error: rms {rms:.2g}, largest {largest:.2g} % of the diagonal"

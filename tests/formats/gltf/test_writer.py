@@ -68,7 +68,7 @@ def test_the_frames_come_back_at_their_times(tmp_path, animation, scene):
 
 @pytest.mark.parametrize("count", [2, 3, 10, 25])
 def test_the_error_is_the_one_that_is_said(tmp_path, animation, restless, count):
-    file, note = save(tmp_path / "a.glb", animation.rest, restless, count=count)
+    file, note = save(tmp_path / "a.glb", animation.rest, restless, morphs=count)
     assert len(file.targets("POSITION")) == count
     rms, largest = measure(file, animation.rest, restless)
     said = f"{count} morph targets; error: rms {rms:.2g}, largest {largest:.2g} % of the diagonal"
@@ -82,7 +82,7 @@ def test_the_error_is_the_one_that_is_said(tmp_path, animation, restless, count)
 @pytest.mark.parametrize("count", [2, 3, 10, 25])
 def test_no_other_targets_are_nearer(tmp_path, animation, restless, count):
     """The rms error is that of the mean and the largest singular vectors around it."""
-    file, _ = save(tmp_path / "a.glb", animation.rest, restless, count=count)
+    file, _ = save(tmp_path / "a.glb", animation.rest, restless, morphs=count)
     spread = (restless - restless.mean(axis=0)).reshape(40, -1)
     left = np.linalg.svd(spread, compute_uv=False)[count - 1 :]
     best = 100 * np.sqrt(np.square(left).sum() / (40 * 18)) / animation.rest.diagonal
@@ -91,7 +91,7 @@ def test_no_other_targets_are_nearer(tmp_path, animation, restless, count):
 
 def test_weights_are_sliders(tmp_path, animation, restless):
     """From 0 to 1: Blender cuts off others. The first is 1 throughout."""
-    file, _ = save(tmp_path / "a.glb", animation.rest, restless, count=20)
+    file, _ = save(tmp_path / "a.glb", animation.rest, restless, morphs=20)
     _, weights = file.track()
     assert weights.min() == 0
     assert weights.max() == 1
@@ -105,17 +105,17 @@ def test_a_tolerance_is_kept_with_few_targets(tmp_path, animation, restless, tol
     file, _ = save(tmp_path / "a.glb", animation.rest, restless, tolerance=tolerance)
     count = len(file.targets("POSITION"))
     assert measure(file, animation.rest, restless)[1] <= tolerance
-    fewer, _ = save(tmp_path / "b.glb", animation.rest, restless, count=count - 1)
+    fewer, _ = save(tmp_path / "b.glb", animation.rest, restless, morphs=count - 1)
     assert measure(fewer, animation.rest, restless)[1] > tolerance
 
 
 def test_a_tolerance_that_cannot_be_kept_is_refused(tmp_path, animation, restless):
     says = (
         r"a.glb: 5 morph targets leave a largest error of .* % of the diagonal, above the "
-        r"tolerance of 0.01 %; give a higher `tolerance=` or a higher `count=`, or write"
+        r"tolerance of 0.01 %; give a higher `tolerance=` or a higher `morphs=`, or write"
     )
     with pytest.raises(OutputError, match=says):
-        save(tmp_path / "a.glb", animation.rest, restless, count=5, tolerance=0.01)
+        save(tmp_path / "a.glb", animation.rest, restless, morphs=5, tolerance=0.01)
     says = r"a.glb: \d+ morph targets leave .* give a higher `tolerance=`, or write"
     with pytest.raises(OutputError, match=says):
         save(tmp_path / "a.glb", animation.rest, restless, tolerance=1e-12)
@@ -135,7 +135,7 @@ def test_sixty_targets_are_enough_unless_more_are_asked_for(tmp_path):
     mesh = trimesh.creation.icosphere(3)
     rest = TriMesh(mesh.vertices, mesh.faces)
     frames = rest.vertices + RANDOM.normal(size=(90, *rest.vertices.shape))
-    for morphs, count in (({}, 60), ({"count": 80}, 80), ({"tolerance": 1e-3}, 90)):
+    for morphs, count in (({}, 60), ({"morphs": 80}, 80), ({"tolerance": 1e-3}, 90)):
         file, _ = save(tmp_path / "a.glb", rest, frames, **morphs)
         assert len(file.json["meshes"][0]["extras"]["targetNames"]) == count
 
@@ -186,9 +186,9 @@ def test_a_clip_that_stands_still(tmp_path, animation):
 
 
 def test_blocks_of_vertices_change_rounding_only(tmp_path, monkeypatch, animation, restless):
-    before, _ = save(tmp_path / "a.glb", animation.rest, restless, count=9, has_normals=True)
+    before, _ = save(tmp_path / "a.glb", animation.rest, restless, morphs=9, has_normals=True)
     monkeypatch.setattr("cageik_cli.formats.gltf.file.MAX_SPOOL_BYTES", 24 * 40 * 5)
-    after, _ = save(tmp_path / "b.glb", animation.rest, restless, count=9, has_normals=True)
+    after, _ = save(tmp_path / "b.glb", animation.rest, restless, morphs=9, has_normals=True)
     for name in ("POSITION", "NORMAL"):
         np.testing.assert_allclose(after.morph(name), before.morph(name), rtol=0, atol=1e-5)
 
@@ -210,7 +210,7 @@ def test_normals_follow_the_frames(tmp_path, animation, restless):
 
 
 def test_few_targets_have_the_nearest_normals(tmp_path, animation, restless):
-    file, _ = save(tmp_path / "a.glb", animation.rest, restless, count=4, has_normals=True)
+    file, _ = save(tmp_path / "a.glb", animation.rest, restless, morphs=4, has_normals=True)
     polygons = animation.rest.polygons
     wanted = np.array([compute_vertex_normals(polygons, frame) for frame in restless])
     wanted = (wanted - compute_vertex_normals(polygons, animation.rest.vertices)).reshape(40, -1)
@@ -274,7 +274,7 @@ def test_the_first_frame_is_at_zero_seconds_and_its_number_is_kept(
 
 @pytest.mark.parametrize(
     ("morphs", "says"),
-    [({}, "0.2 GiB"), ({"count": 256}, "0.7 GiB"), ({"has_normals": True}, "0.3 GiB"),
+    [({}, "0.2 GiB"), ({"morphs": 256}, "0.7 GiB"), ({"has_normals": True}, "0.3 GiB"),
      ({"tolerance": 1.0}, None)],
 )  # fmt: skip
 def test_what_there_is_no_room_for_is_refused_at_once(
