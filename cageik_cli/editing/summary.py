@@ -3,6 +3,8 @@
 Statistics of anchors, motion and volume are gathered block by block.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,6 +14,7 @@ from cageik_cli.editing.edits import EditedFrames, LayeredEdit
 from cageik_cli.editing.handles.placement import describe_place
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.arrays import Floats, Integers
+from cageik_cli.util.messages import Note
 
 
 @dataclass(frozen=True, slots=True)
@@ -177,11 +180,28 @@ class PoseResult:
     Attributes
     ----------
     snapshot : PoseSnapshot
-        Of the pose, or of the frame that was moved most.
+        Of the pose, or of the frame that was moved most: `before` and `after` are (m, 3).
+    notes : tuple of Note
+        What was found on the way. Runs of the command line show them, and leave them out here.
+
+    Examples
+    --------
+    >>> from cageik_cli import pose_to_file
+    >>> walker = "data_fixtures/walker"
+    >>> posed = pose_to_file(
+    ...     f"{walker}/frames/walker_1.obj",
+    ...     f"{walker}/handles.json",
+    ...     "posed.obj",
+    ...     cage=f"{walker}/cage.obj",
+    ...     accuracy="preview",
+    ... )
+    >>> [anchor.name for anchor in posed.summary.anchors]
+    []
     """
 
     summary: PoseSummary
     snapshot: PoseSnapshot
+    notes: tuple[Note, ...] = ()
 
 
 def take_snapshot(edit: LayeredEdit, block: EditedFrames, summary: PoseSummary) -> PoseSnapshot:

@@ -1,5 +1,7 @@
 """Weights that were fitted to clips, and the record of their fit."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 
 from cageik_cli.fit.settings import FitRecord, FitReport

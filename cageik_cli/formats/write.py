@@ -27,7 +27,7 @@ from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.parts import Part, join_meshes, split_parts
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import OutputError, SettingError, error_context, join_truncated
-from cageik_cli.util.messages import Hint, Said, say
+from cageik_cli.util.messages import Hint, Note, Said, say
 from cageik_cli.util.outputs import (
     atomic_folder,
     atomic_path,
@@ -264,6 +264,17 @@ class ExportSummary:
         Bytes, of all files.
     unit : str
         What `vertex_count` counts, in words.
+    notes : tuple of Note
+        What was found on the way. Runs of the command line show them, and leave them out here.
+
+    Examples
+    --------
+    >>> from cageik_cli import export, extract_to_file
+    >>> walker = "data_fixtures/walker"
+    >>> result = extract_to_file(f"{walker}/frames", f"{walker}/cage.obj", "walker.h5")
+    >>> written = export(result, "cages.npz")
+    >>> written.frame_count, written.vertex_count, written.unit
+    (48, 80, 'vertices')
     """
 
     path: Path
@@ -271,6 +282,7 @@ class ExportSummary:
     vertex_count: int
     byte_count: int
     unit: str = "vertices"
+    notes: tuple[Note, ...] = ()
 
     @property
     def message(self) -> str:

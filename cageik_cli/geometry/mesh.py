@@ -1,5 +1,7 @@
 """Triangle meshes: edges, components, volume."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -89,7 +91,7 @@ class TriMesh:
         return np.flatnonzero(~self.is_used)
 
     @cached_property
-    def edges(self) -> "Edges":
+    def edges(self) -> Edges:
         """The undirected edges of the faces."""
         return Edges.from_faces(self.faces)
 
@@ -142,7 +144,7 @@ class TriMesh:
         return None if self.polygons.normal_fans is None else self.polygons
 
     @cached_property
-    def fan_triangulated(self) -> "TriMesh":
+    def fan_triangulated(self) -> TriMesh:
         """The mesh with every polygon as a fan: connectivity is compared by it."""
         if self.attributes is None:
             return self
@@ -161,19 +163,19 @@ class TriMesh:
         sides = np.sort(np.stack([corners, corners[following]], axis=1), axis=1)
         return np.unique(sides, axis=0)
 
-    def drop_unused_vertices(self) -> "TriMesh":
+    def drop_unused_vertices(self) -> TriMesh:
         """Return the mesh without vertices that are in no face; itself if there are none."""
         if self.is_used.all():
             return self
         numbers = np.cumsum(self.is_used) - 1
         return TriMesh(self.vertices[self.used_vertices], numbers[self.faces])
 
-    def flip(self) -> "TriMesh":
+    def flip(self) -> TriMesh:
         """Return the mesh with reversed faces."""
         attributes = None if self.attributes is None else self.attributes.reverse()
         return TriMesh(self.vertices, self.faces[:, ::-1], attributes)
 
-    def move(self, positions: ArrayLike) -> "TriMesh":
+    def move(self, positions: ArrayLike) -> TriMesh:
         """Return the mesh with its vertices at other positions, (n, 3)."""
         return TriMesh(positions, self.faces, self.attributes)  # type: ignore[arg-type]
 
@@ -204,7 +206,7 @@ class Edges:
     is_balanced: NDArray[np.bool_]
 
     @staticmethod
-    def from_faces(faces: Integers) -> "Edges":
+    def from_faces(faces: Integers) -> Edges:
         """Collect the edges of `faces`, (f, 3)."""
         starts, stops = np.roll(faces, -1, axis=1).ravel(), np.roll(faces, -2, axis=1).ravel()
         low, high = np.minimum(starts, stops), np.maximum(starts, stops)

@@ -1,5 +1,7 @@
 """Points: clouds of them, their order by place, distances, spheres, frames as columns."""
 
+from __future__ import annotations
+
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
@@ -42,11 +44,11 @@ class PointCloud(TriMesh):
         return f"<PointCloud: {len(self.vertices)} points>"
 
     @staticmethod
-    def from_points(positions: ArrayLike) -> "PointCloud":
+    def from_points(positions: ArrayLike) -> PointCloud:
         """Return the cloud of positions, (m, 3); raises as `TriMesh` does."""
         return PointCloud(np.asarray(positions), np.empty((0, 3), np.int64))
 
-    def move(self, positions: ArrayLike) -> "PointCloud":
+    def move(self, positions: ArrayLike) -> PointCloud:
         """Return the points at other positions, (n, 3)."""
         return self.from_points(positions)
 

@@ -3,7 +3,9 @@
 `extract` solves the cages of a clip into arrays, without files; `extract_to_file` writes a result.
 """
 
-from collections.abc import Callable, Sequence
+from __future__ import annotations
+
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from os import PathLike, fspath
 from pathlib import Path
@@ -37,15 +39,14 @@ from cageik_cli.store import result as result_file
 from cageik_cli.store.binding_file import StoredBinding
 from cageik_cli.store.result import Edit, Result
 from cageik_cli.util.arrays import Floats
+from cageik_cli.util.calls import FilePath, ReportProgress, check_call
 from cageik_cli.util.errors import SettingError
 from cageik_cli.util.messages import Note
 from cageik_cli.util.settings import DEFAULT_MEMORY
 from cageik_cli.util.threads import count_processors, limit_blas_threads
 
-FilePath = str | PathLike[str]
-ReportProgress = Callable[[int, int], None]
 
-
+@check_call
 def load_mesh(path: FilePath) -> TriMesh:
     """Read one mesh of any format that holds one; polygons become triangles.
 
@@ -67,12 +68,13 @@ def load_mesh(path: FilePath) -> TriMesh:
     return load_source(Path(path)).mesh
 
 
+@check_call
 def load_clip(
     frames: FilePath | Sequence[FilePath],
     *,
     rest: FilePath | None = None,
     selection: slice | str | None = None,
-    allow_gaps: bool = False,
+    close_gaps: bool = False,
     exclude: Sequence[str] = (),
     fps: float | None = None,
 ) -> MeshSequence:
@@ -90,7 +92,7 @@ def load_clip(
     selection : slice or str, optional
         The frames to take: by number, `"1020-1060"` or `"1020-1060x2"`, as on the command line, or
         by index, `slice(0, 48, 2)`; all by default.
-    allow_gaps : bool
+    close_gaps : bool
         Accept missing numbers in a series of files. The clip has the frames that exist, one after
         another; `clip.scene` has the number of the first.
     exclude : sequence of str
@@ -117,7 +119,7 @@ def load_clip(
     wanted = slice(None) if selection is None else selection
     settings = ClipSettings(
         parse_frames(wanted) if isinstance(wanted, str) else wanted,
-        gaps="close" if allow_gaps else "refuse",
+        gaps="close" if close_gaps else "refuse",
         exclude=tuple(exclude),
         fps=fps,
     )
@@ -126,6 +128,7 @@ def load_clip(
     return clip
 
 
+@check_call
 def check_cage(cage: TriMesh, model: TriMesh | None = None) -> Diagnosis:
     """Diagnose a cage, and a model in it if there is one.
 
@@ -142,6 +145,7 @@ def check_cage(cage: TriMesh, model: TriMesh | None = None) -> Diagnosis:
     return diagnose(cage, model)
 
 
+@check_call
 def bind(
     rest: TriMesh,
     cage: TriMesh,
@@ -190,6 +194,7 @@ def bind(
     return cage_binding.bind(rest, cage, BindSettings(coordinates, accuracy, outside), jobs)
 
 
+@check_call
 def extract_to_file(
     frames: FilePath | Sequence[FilePath],
     cage: FilePath | None,
@@ -280,6 +285,7 @@ def extract_to_file(
     return file_extraction.extract(settings)
 
 
+@check_call
 def read_result(path: FilePath) -> Result | Edit:
     """Read a result of `extract`, or an edit by `cageik pose`: its meshes, figures and settings.
 
@@ -303,6 +309,7 @@ def read_result(path: FilePath) -> Result | Edit:
     return result_file.read_animation(Path(path))
 
 
+@check_call
 def read_cages(result: Result | Edit) -> Floats:
     """Read all cages of a result or an edit, (F, n, 3); those of skipped frames are interpolated.
 
@@ -383,6 +390,7 @@ class CageAnimation:
         return np.asarray(reconstruct_frames(self.binding, poses)[0])
 
 
+@check_call
 def extract(
     clip: MeshSequence | ArrayLike,
     binding: Binding | None = None,

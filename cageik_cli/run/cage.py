@@ -1,5 +1,7 @@
 """A cage around a model: built or repaired from file to file, or built around a mesh in memory."""
 
+from __future__ import annotations
+
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -34,6 +36,7 @@ from cageik_cli.method.weights.settings import BindSettings
 from cageik_cli.report.views.cage import CageResult
 from cageik_cli.run.settings import CageSettings, RepairCageSettings
 from cageik_cli.util.arrays import Floats, spread_evenly
+from cageik_cli.util.calls import check_call
 from cageik_cli.util.errors import (
     CageError,
     CageikError,
@@ -133,6 +136,7 @@ def _check_is_clip(clip: MeshSequence, index: int) -> None:
         pass  # a damaged frame, which the cage does not need
 
 
+@check_call
 def build_cage(
     mesh: TriMesh,
     *,

@@ -3,6 +3,8 @@
 The algorithm is imported when weights are fitted: other runs start without it.
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
@@ -29,6 +31,7 @@ from cageik_cli.run.settings import ExtractSettings
 from cageik_cli.store.cache import EntryCache, compute_fit_key, find_fit
 from cageik_cli.store.fit_fields import BaselineErrors
 from cageik_cli.util.arrays import Floats, Integers, Workspace, spread_evenly
+from cageik_cli.util.calls import check_call
 from cageik_cli.util.errors import FileAccessError, InputError
 from cageik_cli.util.messages import Note, Said, say
 from cageik_cli.util.progress import ProgressListener
@@ -47,6 +50,7 @@ MAX_COMPARED_FIT_FRAMES = 64
 """Evenly spread frames on which a fit is compared; key frames are measured beside them."""
 
 
+@check_call
 def fit_weights(
     binding: Binding,
     clips: Sequence[MeshSequence | ArrayLike],

@@ -263,13 +263,10 @@ class Edit(StoredAnimation):
 
     Examples
     --------
-    >>> from cageik_cli import extract_to_file, read_result
-    >>> from cageik_cli.cli import main
+    >>> from cageik_cli import edit_to_file, extract_to_file
     >>> walker = "data_fixtures/walker"
-    >>> _ = extract_to_file(f"{walker}/frames", f"{walker}/cage.obj", "walker.h5")
-    >>> words = ["pose", "walker.h5", f"{walker}/wave.json", "-o", "waving.h5", "-q"]
-    >>> main(words, standalone_mode=False)
-    >>> read_result("waving.h5")
+    >>> result = extract_to_file(f"{walker}/frames", f"{walker}/cage.obj", "walker.h5")
+    >>> edit_to_file(result, f"{walker}/wave.json", "waving.h5")
     <Edit: waving.h5, 48 frames of 1570 vertices in a cage of 80>
     """
 

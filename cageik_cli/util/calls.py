@@ -4,11 +4,18 @@ import inspect
 from collections.abc import Callable
 from difflib import get_close_matches
 from functools import cache, wraps
+from os import PathLike
 from typing import Any, ParamSpec, TypeVar, get_type_hints
 
 from cageik_cli.util.errors import SettingError
 from cageik_cli.util.messages import Hint, Text
 from cageik_cli.util.settings import matches, show_value
+
+FilePath = str | PathLike[str]
+"""The name of a file or a folder."""
+
+ReportProgress = Callable[[int, int], None]
+"""Takes how much is done, and how much there is."""
 
 Parameters = ParamSpec("Parameters")
 Returned = TypeVar("Returned")

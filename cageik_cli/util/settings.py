@@ -84,6 +84,8 @@ class Setting:
         Whether the option is a flag that sets it to False.
     choices : collection of str
         The values, if they are few.
+    suffixes : collection of str
+        In one of which the name of a file ends, in lower case.
     flags : mapping of str to (str, str)
         An option that is a flag, and its help, for each of some values, which exclude one another.
     minimum, maximum, above : float, optional
@@ -122,6 +124,7 @@ class Setting:
     is_required: bool = True
     is_off: bool = False
     choices: Collection[str] = ()
+    suffixes: Collection[str] = ()
     flags: Mapping[str, tuple[str, str]] | None = None
     minimum: float | None = None
     maximum: float | None = None
@@ -140,6 +143,8 @@ class Setting:
             return True
         if self.choices:
             return value in self.choices
+        if self.suffixes:
+            return Path(value).suffix.lower() in self.suffixes
         if (self.minimum, self.maximum, self.above) == (None, None, None):
             return True
         least = self.minimum is None or value >= self.minimum  # nan is not
@@ -150,6 +155,8 @@ class Setting:
         """Return in words which values are allowed; "" for all of the type."""
         if self.choices:
             return f"one of {', '.join(self.choices)}"
+        if self.suffixes:
+            return f"a name that ends in {' or '.join(self.suffixes)}"
         if (self.minimum, self.maximum, self.above) == (None, None, None):
             return ""
         if self.minimum is not None and self.maximum is not None:

@@ -1,11 +1,14 @@
 """A result or a binding, shown in a notebook."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass, field
 from html import escape
 
 from cageik_cli.method.weights.binding import Binding
 from cageik_cli.report.vocabulary import VOCABULARIES
 from cageik_cli.store.result import Edit, Result
+from cageik_cli.util.calls import check_call
 from cageik_cli.view.player.clip import make_single_pose, require_player_clip
 from cageik_cli.view.player.section import render_view_page
 
@@ -45,6 +48,7 @@ class ShownPage:
         )
 
 
+@check_call
 def show(shown: Result | Edit | Binding, *, height: int = DEFAULT_HEIGHT) -> ShownPage:
     """Show a result, an edit or a model in a notebook, to play the clip or to pose the model.
 

@@ -1,5 +1,7 @@
 """Build a cage around any model: candidates from tight to loose, each judged by exact tests."""
 
+from __future__ import annotations
+
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 

@@ -1,5 +1,7 @@
 """The diagnosis of a cage, alone or with a rest pose in it: facts, findings and a verdict."""
 
+from __future__ import annotations
+
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 

@@ -14,7 +14,7 @@ from click.core import ParameterSource
 
 from cageik_cli.cli.command import GroupedOption, option, spell_param
 from cageik_cli.cli.group import spell_error
-from cageik_cli.cli.options.types import KINDS, OrWord, PercentType
+from cageik_cli.cli.options.types import KINDS, OrWord, PercentType, SuffixedPath
 from cageik_cli.util.errors import SettingError
 from cageik_cli.util.settings import HelpGroup, Setting, find_kind
 
@@ -250,6 +250,8 @@ def _choose_type(one: "Field[Any]", setting: Setting) -> Any:
         return KINDS[setting.kind]
     if setting.is_share:
         return PercentType(f"a {one.name}", format_share(one.default), unit=100)
+    if setting.suffixes:
+        return SuffixedPath(*setting.suffixes)
     if setting.choices:
         return click.Choice(setting.choices)
     known: Any = PATH_TYPE if kind is Path else click.types.convert_type(kind)

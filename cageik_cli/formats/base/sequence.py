@@ -1,5 +1,7 @@
 """A clip: frames of one connectivity, read on demand."""
 
+from __future__ import annotations
+
 import hashlib
 from abc import ABC, abstractmethod
 from collections.abc import Generator, Iterator, Sequence
@@ -280,7 +282,7 @@ class FramePrefetcher:
         self._sequence, self._indices = sequence, indices
         self._frames = OrderedMap(self._read_or_error, indices, jobs, max_ahead)
 
-    def __enter__(self) -> "FramePrefetcher":
+    def __enter__(self) -> FramePrefetcher:
         return self
 
     def __exit__(self, *error: object) -> None:

@@ -36,6 +36,8 @@ fading of higher terms. Rounding is corrected as it is in the densities: the gra
 functions are known, and the least change of the gradients makes them exact.
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
@@ -113,7 +115,7 @@ class HarmonicField:
     @staticmethod
     def solve(
         cage: TriMesh, points: Floats, accuracy: str = "standard", jobs: int | None = None
-    ) -> "HarmonicField":
+    ) -> HarmonicField:
         """Solve for the weights of a cage, to a tolerance at given points.
 
         Parameters
@@ -229,7 +231,7 @@ class HarmonicField:
         return nearest
 
     @cached_property
-    def _gradients(self) -> "WeightGradients":
+    def _gradients(self) -> WeightGradients:
         return WeightGradients(self.boundary)
 
 

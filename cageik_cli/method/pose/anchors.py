@@ -5,6 +5,8 @@ and Franco 2010, eq. 3). The mesh is H c, so the point is Σ_i γ_i H_i c: one r
 (eq. 4).
 """
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -185,6 +187,17 @@ def pick(mesh: TriMesh, camera: Camera, pixel: Floats) -> SurfacePoint:
     ------
     HandlesError
         When nothing is visible there between the near and the far plane.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from cageik_cli import Camera, load_mesh, pick
+    >>> rest = load_mesh("data_fixtures/walker/frames/walker_1.obj")
+    >>> eye, chest, up = np.array([[0.0, 1.2, 5], [0, 1.2, 0], [0, 1, 0]])
+    >>> camera = Camera.from_look_at(eye, chest, up=up, fov_degrees=40, width=640, height=480)
+    >>> point = pick(rest, camera, np.array([320, 240]))
+    >>> bool(point.position(rest.vertices)[2] > 0)
+    True
 
     References
     ----------

@@ -6,6 +6,8 @@ within ±1 after the division by w, and the near plane is at z = −1. Pixels ar
 upper left corner of the picture, x to the right and y downwards; the middle of the first is (½, ½).
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from typing import Self
 
@@ -37,6 +39,21 @@ class Camera:
         When a matrix has another shape, is not finite or is singular, the last row of `view` is
         not (0, 0, 0, 1), that of `projection` neither that nor (0, 0, -1, 0), or the picture has
         no size.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from cageik_cli import Camera
+    >>> camera = Camera.from_look_at(
+    ...     np.array([0.0, 1, 5]),
+    ...     np.array([0.0, 1, 0]),
+    ...     up=np.array([0.0, 1, 0]),
+    ...     fov_degrees=40,
+    ...     width=640,
+    ...     height=480,
+    ... )
+    >>> camera.project(np.array([[0.0, 1, 0]]))[0, :2].round(6).tolist()
+    [320.0, 240.0]
     """
 
     view: Floats

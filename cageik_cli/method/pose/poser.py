@@ -23,6 +23,8 @@ terms, and stays well conditioned however small E is: hard anchors are the limit
 With `rigidity`, δ turns with the cells of the cage (`method.pose.rigidity`).
 """
 
+from __future__ import annotations
+
 from collections.abc import Iterable, Sequence
 from copy import copy
 from dataclasses import dataclass
@@ -127,11 +129,11 @@ class Poser:
         anchors = format_count(len(self.anchors), "anchor")
         return f"<Poser: {anchors} on {vertices} vertices in a cage of {cage_vertices}>"
 
-    def with_anchor(self, anchor: Anchor) -> "Poser":
+    def with_anchor(self, anchor: Anchor) -> Poser:
         """Return a poser with one more anchor; the cage is not factored again."""
         return self._with_anchors((*self.anchors, anchor))
 
-    def without_anchor(self, name: str) -> "Poser":
+    def without_anchor(self, name: str) -> Poser:
         """Return a poser without one anchor; the cage is not factored again.
 
         Raises
@@ -206,7 +208,7 @@ class Poser:
             )
         return moved
 
-    def _with_anchors(self, anchors: tuple[Anchor, ...]) -> "Poser":
+    def _with_anchors(self, anchors: tuple[Anchor, ...]) -> Poser:
         """Return a poser with other anchors; what does not depend on them is shared."""
         other = copy(self)
         other._solve_responses(anchors)
@@ -242,7 +244,7 @@ class Poser:
         return Cells(self._neighbours, self.binding.cage.vertices)
 
     @cached_property
-    def _mesh_map(self) -> "MirroredMap":
+    def _mesh_map(self) -> MirroredMap:
         return self._cage_map.compose(self.binding.weights)
 
     @cached_property
@@ -250,7 +252,7 @@ class Poser:
         return np.ascontiguousarray(self.binding.rest.vertices.T)
 
 
-def _check_independent(response: "Response", anchors: tuple[Anchor, ...]) -> None:
+def _check_independent(response: Response, anchors: tuple[Anchor, ...]) -> None:
     """Refuse anchors that cannot be met independently of each other, naming the main ones."""
     if response.condition_number <= MAX_CONDITION:
         return
@@ -400,7 +402,7 @@ class MirroredMap:
             normal = self._mirror.normal
             columns += normal[:, None] * (self._across_difference @ (points @ normal))
 
-    def compose(self, matrix: Floats) -> "MirroredMap":
+    def compose(self, matrix: Floats) -> MirroredMap:
         """Return the map followed by a matrix that is the same for all coordinates."""
         across = [] if self._mirror is None else [self._along + self._across_difference]
         maps = [np.asfortranarray(matrix @ values) for values in (self._along, *across)]

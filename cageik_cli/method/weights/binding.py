@@ -1,5 +1,7 @@
 """A rest model bound to its cage: the weights, and measures of their quality."""
 
+from __future__ import annotations
+
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -92,12 +94,12 @@ class Correction:
     basis: Floats
 
     @staticmethod
-    def none(m: int, n: int) -> "Correction":
+    def none(m: int, n: int) -> Correction:
         """Return the change of (m, n) weights that changes nothing."""
         return Correction(np.empty((m, 0)), np.empty((n, 0)))
 
     @staticmethod
-    def join(parts: Iterable["Correction"], m: int, basis: Floats) -> "Correction":
+    def join(parts: Iterable[Correction], m: int, basis: Floats) -> Correction:
         """Join changes whose bases are different columns of `basis`, (n, r), in this order."""
         columns, kept = np.empty((m, basis.shape[1])), np.empty_like(basis)
         count = 0
@@ -136,7 +138,7 @@ class Poses:
     def __len__(self) -> int:
         return len(self.cages)
 
-    def __getitem__(self, frames: slice | Integers) -> "Poses":
+    def __getitem__(self, frames: slice | Integers) -> Poses:
         """Return those of some of the frames."""
         turns = None if self.rotations is None else self.rotations[frames]
         return Poses(self.cages[frames], turns)
