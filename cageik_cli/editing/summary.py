@@ -195,8 +195,8 @@ class PoseResult:
     ...     cage=f"{walker}/cage.obj",
     ...     accuracy="preview",
     ... )
-    >>> [anchor.name for anchor in posed.summary.anchors]
-    []
+    >>> [anchor.name for anchor in posed.summary.anchors][:3]
+    ['left hand', 'left elbow', 'right hand']
     """
 
     summary: PoseSummary

@@ -150,6 +150,7 @@ class SceneHints:
     )
 
     def __post_init__(self) -> None:
+        check_settings(self)
         self.override(Scene())
 
     def override(self, scene: Scene) -> Scene:
@@ -327,6 +328,7 @@ class ClipSettings:
 
     def __post_init__(self) -> None:
         check_frames(self.selection)
+        check_settings(self)
         SceneHints(fps=self.fps)  # which checks it
 
 

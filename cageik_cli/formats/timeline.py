@@ -12,6 +12,7 @@ from typing import Any, NoReturn
 
 from cageik_cli.util.errors import SettingError, WrongUsageError
 from cageik_cli.util.messages import Hint, Said, Text, join_texts, say
+from cageik_cli.util.settings import show_value
 
 FRAME_NUMBER_TOL = 1e-6
 """Of the step from frame to frame: a number this near is that of the frame."""
@@ -292,6 +293,6 @@ def _is_empty(wanted: slice | FrameRange) -> bool:
 
 def _make_error(wanted: object) -> SettingError:
     return SettingError(
-        f"{wanted!r} is not a choice of frames; expected their numbers, such as 1020-1060, "
+        f"{show_value(wanted)} is not a choice of frames; expected their numbers, such as 1020-1060, "
         "1020-1060x2, 1020 or 1020-, or a slice 0:48:2, which counts from 0"
     )

@@ -83,6 +83,15 @@ class Report:
     that were hidden on purpose, as others are missing; None if none are. `is_torn` says that pieces
     of the input jump apart from the surface around them, in most frames. `baseline_name` is the
     result in the baseline that this one was compared with; None if there is none.
+
+    Examples
+    --------
+    >>> from cageik_cli import build_report, extract_to_file
+    >>> walker = "data_fixtures/walker"
+    >>> result = extract_to_file(f"{walker}/frames", f"{walker}/cage.obj", "walker.h5")
+    >>> report = build_report(result)
+    >>> report.clip.frames, len(report.frames), report.clip.closed
+    (48, 48, True)
     """
 
     schema: int

@@ -41,7 +41,7 @@ from cageik_cli.store.result import Edit, Result
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.calls import FilePath, ReportProgress, check_call
 from cageik_cli.util.errors import SettingError
-from cageik_cli.util.messages import Note
+from cageik_cli.util.messages import Hint, Note
 from cageik_cli.util.settings import DEFAULT_MEMORY
 from cageik_cli.util.threads import count_processors, limit_blas_threads
 
@@ -211,7 +211,7 @@ def extract_to_file(
     align: bool = True,
     norm: float | None = None,
     fit: FitSettings | bool | None = None,
-    given_in: str = "",
+    given_in: str | None = None,
     exclude: Sequence[str] = (),
     overwrite: bool = False,
     jobs: int | None = None,
@@ -240,7 +240,7 @@ def extract_to_file(
         As of `bind`.
     alpha, beta, align, norm, fit
         As of `extract`.
-    given_in : str
+    given_in : str, optional
         Unit and up axis of `cage` and `rest`, such as `cm` or `m,z`, if not what their files say;
         of both, of the one whose file says nothing.
     exclude : sequence of str
@@ -563,4 +563,6 @@ def _join_metrics(parts: Sequence[FrameMetrics]) -> FrameMetrics:
 
 def _list_names(frames: FilePath | Sequence[FilePath]) -> tuple[str, ...]:
     paths = [frames] if isinstance(frames, str | PathLike) else frames
+    if not paths:
+        raise SettingError(Hint("frames") + " is empty; name a folder, a glob or files")
     return tuple(fspath(path) for path in paths)

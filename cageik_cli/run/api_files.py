@@ -78,8 +78,9 @@ def export(
     >>> from cageik_cli import export, extract_to_file
     >>> walker = "data_fixtures/walker"
     >>> result = extract_to_file(f"{walker}/frames", f"{walker}/cage.obj", "walker.h5")
-    >>> export(result, "walker.glb", skeleton=True).message
-    'wrote walker.glb: 48 frames of 80 joints that move 1 570 vertices, 347 KiB'
+    >>> written = export(result, "walker.glb", skeleton=True, influences=4)
+    >>> written.frame_count, written.unit
+    (48, 'joints that move 1 570 vertices')
     """
     listener = _Listener(progress)
     made = make_settings(ExportSettings, settings, result=_name_file(results), output=output)

@@ -227,7 +227,7 @@ def _read_value(one: "Field[Any]", setting: Setting | None, keywords: Mapping[st
             expected = "text, such as cm or m,z"
             raise SettingError(Hint(one.name) + f" is {show_value(value)}, expected {expected}")
         return SceneHints() if value is None else SceneHints.parse(value)
-    if setting is not None and setting.kind == "frames" and not isinstance(value, slice):
+    if setting is not None and setting.kind == "frames" and isinstance(value, str | None):
         return slice(None) if value is None else parse_frames(value)
     is_path = Path in (one.type, *get_args(one.type))
     if get_args(one.type)[-1:] == (...,) or one.type == tuple[int, int]:
@@ -246,7 +246,7 @@ def _make_output(path: Any, keywords: Mapping[str, Any]) -> Output:
     for name in ("recentre", "overwrite"):
         check_argument(name, given[name], bool, ShownType("bool"))
     known = frame_formats()
-    if given["file_format"] not in (None, *known):
+    if not (given["file_format"] is None or str(given["file_format"]) in known):
         shown, expected = show_value(given["file_format"]), ", ".join(known)
         raise SettingError(Hint("file_format") + f" is {shown}, expected one of {expected}")
     return Output(Path(path), **given)

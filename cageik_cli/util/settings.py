@@ -259,7 +259,7 @@ def matches(value: Any, annotation: Any) -> bool:
         is_sequence = isinstance(value, Sequence) and not isinstance(value, str)
         return is_sequence and all(matches(one, kinds[0]) for one in value)
     annotation = get_origin(annotation) or annotation
-    if not isinstance(annotation, type):
+    if annotation is Any or not isinstance(annotation, type):
         return True
     is_flag = isinstance(value, bool) or getattr(value, "dtype", None) == "bool"
     if annotation in (int, float):

@@ -39,7 +39,7 @@ def build_report(result: FilePath | Result | Edit) -> Report:
     >>> result = extract_to_file(f"{walker}/frames", f"{walker}/cage.obj", "walker.h5")
     >>> report = build_report(result)
     >>> report.verdict, round(report.summary.rms_percent, 2), report.summary.worst_frame
-    ('good', 0.25, 'walker_1.obj')
+    ('good', 0.25, 'walker_26.obj')
     """
     return record.build_report(_read(result))
 
@@ -70,17 +70,18 @@ def report_to_files(
 
     Examples
     --------
-    >>> from os import PathLike
     from pathlib import Path
     >>> from cageik_cli import extract_to_file, report_to_files
     >>> walker = "data_fixtures/walker"
     >>> result = extract_to_file(f"{walker}/frames", f"{walker}/cage.obj", "walker.h5")
     >>> (report,) = report_to_files(result, html="walker.html", plot="walker.svg", csv="walker.csv")
-    >>> report.summary.frames_total, Path("walker.svg").stat().st_size > 10_000
+    >>> len(report.frames), Path("walker.svg").stat().st_size > 10_000
     (48, True)
     """
     is_one = isinstance(results, Result | Edit | str | PathLike)
     given = cast(Sequence[FilePath | Result | Edit], [results] if is_one else results)
+    if not given:
+        raise SettingError(Hint("results") + " is empty; name a result")
     read = [_read(one) for one in given]
     made = make_settings(ReportSettings, settings, results=[one.path for one in read])
     for name, path in made.targets.named.items():

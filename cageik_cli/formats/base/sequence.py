@@ -251,7 +251,12 @@ def as_sequence(clip: MeshSequence | ArrayLike, rest: TriMesh) -> MeshSequence:
     if isinstance(clip, MeshSequence):
         sequence, found = clip, (len(clip), *clip.first.vertices.shape)
     else:
-        frames = np.asarray(clip, np.float64)
+        try:
+            frames = np.asarray(clip, np.float64)
+        except (TypeError, ValueError) as error:
+            raise ConnectivityError(
+                f"frames are no array of numbers (F, {len(rest.vertices)}, 3): {error}"
+            ) from error
         sequence, found = ArraySequence(frames, rest), frames.shape
     if found[1:] != rest.vertices.shape or not found[0]:
         raise ConnectivityError(

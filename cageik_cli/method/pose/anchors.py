@@ -16,6 +16,7 @@ from cageik_cli.geometry.mesh import MAX_COORDINATE, TriMesh
 from cageik_cli.geometry.surface import closest_points
 from cageik_cli.method.pose.camera import Camera
 from cageik_cli.util.arrays import Floats, Integers
+from cageik_cli.util.calls import check_call
 from cageik_cli.util.errors import HandlesError, InputError
 from cageik_cli.util.text import group_digits
 
@@ -101,6 +102,7 @@ def anchor_positions(anchors: Sequence[Anchor], vertices: Floats) -> Floats:
     return np.stack(points, axis=-2) if points else np.empty((*vertices.shape[:-2], 0, 3))
 
 
+@check_call
 def point_at_vertex(mesh: TriMesh, vertex: int) -> SurfacePoint:
     """Return the point at a vertex.
 
@@ -146,6 +148,7 @@ def point_on_face(mesh: TriMesh, face: int, barycentric: Floats) -> SurfacePoint
     return SurfacePoint(mesh.faces[face], shares / shares.sum())
 
 
+@check_call
 def closest_point(mesh: TriMesh, position: Floats) -> SurfacePoint:
     """Return the point of the surface closest to a position in space, (3,).
 
@@ -178,6 +181,7 @@ def closest_point(mesh: TriMesh, position: Floats) -> SurfacePoint:
     return SurfacePoint(corners, shares / shares.sum())
 
 
+@check_call
 def pick(mesh: TriMesh, camera: Camera, pixel: Floats) -> SurfacePoint:
     """Return the front-most point of the surface that is visible in a pixel, (2,).
 
@@ -203,6 +207,8 @@ def pick(mesh: TriMesh, camera: Camera, pixel: Floats) -> SurfacePoint:
     ----------
     Woop, Benthin and Wald 2013: edge functions that adjacent faces share bit for bit.
     """
+    if np.shape(pixel) != (2,):
+        raise HandlesError(f"a pixel has shape {np.shape(pixel)}, expected two numbers, x and y")
     origins, directions, lengths = camera.cast_rays(np.asarray(pixel, np.float64)[None])
     # Along the ray, and in two directions across it.
     across = np.cross(directions[0], np.eye(3)[np.abs(directions[0]).argmin()])

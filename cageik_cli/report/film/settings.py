@@ -74,6 +74,7 @@ class FilmSettings:
     )
 
     def __post_init__(self) -> None:
+        check_settings(self)
         width, height = self.film_size
         if not all(MIN_FILM_SIDE <= side <= MAX_FILM_SIDE for side in self.film_size):
             raise SettingError(
@@ -81,4 +82,3 @@ class FilmSettings:
                 + f": a side is out of range (expected {MIN_FILM_SIDE} "
                 f"to {MAX_FILM_SIDE} pixels); choose another size"
             )
-        check_settings(self)
