@@ -256,7 +256,7 @@ def test_the_readme_walk(folder):
 
 @pytest.mark.parametrize("selection", [5, 0, (1, 2), "", slice(0, 9, 0), slice("a", None)])
 def test_a_clip_has_frames_of_a_slice_or_of_numbers_only(selection):
-    with pytest.raises(SettingError, match="is not a choice of frames|`selection=` is "):
+    with pytest.raises(SettingError, match=r"is not a choice of frames|`selection=` is "):
         cageik_cli.load_clip("data_fixtures/walker/frames", selection=selection)
 
 

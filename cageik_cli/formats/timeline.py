@@ -293,6 +293,6 @@ def _is_empty(wanted: slice | FrameRange) -> bool:
 
 def _make_error(wanted: object) -> SettingError:
     return SettingError(
-        f"{show_value(wanted)} is not a choice of frames; expected their numbers, such as 1020-1060, "
-        "1020-1060x2, 1020 or 1020-, or a slice 0:48:2, which counts from 0"
+        f"{show_value(wanted)} is not a choice of frames; expected their numbers, such as "
+        "1020-1060, 1020-1060x2, 1020 or 1020-, or a slice 0:48:2, which counts from 0"
     )

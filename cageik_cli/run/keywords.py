@@ -16,7 +16,7 @@ from typing import Any, TypeVar, get_args
 from cageik_cli.formats.settings import SceneHints
 from cageik_cli.formats.timeline import parse_frames
 from cageik_cli.formats.write import Output, frame_formats
-from cageik_cli.util.calls import ShownType, check_argument
+from cageik_cli.util.calls import FilePath, ShownType, check_argument
 from cageik_cli.util.errors import SettingError
 from cageik_cli.util.messages import Hint
 from cageik_cli.util.settings import Setting, show_value
@@ -220,6 +220,11 @@ def _read_value(one: "Field[Any]", setting: Setting | None, keywords: Mapping[st
     value = keywords[one.name]
     if getattr(value, "ndim", None) == 0:
         value = value.item()  # a number of NumPy, which files do not record
+    kinds = get_args(one.type) or (one.type,)
+    if type(value) is int and float in kinds and int not in kinds:
+        return float(value)  # as the command line has it, and files record it
+    if one.name == "cache":
+        check_argument(one.name, value, FilePath | None, ShownType("FilePath | None"))
     if one.type == "Output":
         return _make_output(value, keywords)
     if setting is not None and setting.kind == "unit and axis":
