@@ -119,6 +119,7 @@ check: $(READY)  ## Format, lint, types, who imports what, and the rules of CONT
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(BIN)/mypy
+	$(BIN)/mypy --strict docs/scripts/walker_to_glb.py
 	$(BIN)/lint-imports
 	$(BIN)/python -m tests.rules
 

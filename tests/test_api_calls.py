@@ -18,6 +18,9 @@ from tests.texts import texts
 
 FUNCTIONS = [name for name in cageik_cli.__all__ if inspect.isfunction(getattr(cageik_cli, name))]
 
+SETTING = re.compile(r"--[a-z-]+(?: [\d.]+)?|`[a-z_]+=.*?`")
+"""A setting as texts name it: an option, or a keyword of Python."""
+
 WRONG = {
     "nothing": None, "blank": "  ", "empty": "", "list": [], "nested": [[None]], "object": object(),
     "word": "purple", "number": -1.5, "nan": np.nan, "flag": True, "mapping": {"a": 1},
@@ -105,8 +108,8 @@ def test_a_wrong_argument_is_refused_in_one_sentence(function, calls):
                 call(**{**right, name: value})
             except cageik_cli.CageikError as error:
                 refused += 1
-                assert "\n" not in str(error), (name, kind)
-                assert len(str(error)) < 400, (name, kind)
+                if "\n" in str(error) or len(str(error)) > 400:
+                    unrefused.append(f"{name}={kind}: is no short sentence: {error}")
             except Exception as error:
                 unrefused.append(f"{name}={kind}: {type(error).__name__}: {error}")
         assert refused, f"{name} takes everything"
@@ -131,7 +134,7 @@ def test_an_unknown_keyword_without_a_near_one_refers_to_the_help():
 def test_arguments_that_are_missing_too_many_or_given_twice_are_named():
     with pytest.raises(SettingError, match=r"export: `output=` is missing; give it"):
         cageik_cli.export("cages.h5")
-    with pytest.raises(SettingError, match="load_mesh: given 2 arguments without a keyword.* 1;"):
+    with pytest.raises(SettingError, match=r"load_mesh: given 2 arguments without a keyword.* 1;"):
         cageik_cli.load_mesh("cage.obj", "frames")
     with pytest.raises(SettingError, match=r"load_mesh: `path=` is given twice; leave one out"):
         cageik_cli.load_mesh("cage.obj", path="frames")
@@ -167,7 +170,7 @@ WRITTEN = {
     "edit_to_file": (EditSettings, "pose", ()),
     "report_to_files": (ReportSettings, "report", ()),
 }
-"""Functions that have the settings of a command: the record, the command, and what is positional."""
+"""Functions with the settings of a command: the record, the command, and what is positional."""
 
 OWN_WORDS = {
     "selection": "frames", "given_in": "from", "has_normals": "flat", "cage_output": "cage_out",
@@ -212,9 +215,8 @@ def test_no_help_names_an_option_or_the_innards_of_numpy():
 
 
 def test_settings_reach_the_command(extracted, run):
-    written = cageik_cli.export(
-        "cages.h5", "a.glb", skeleton=True, influences=4, joints="translate"
-    )
+    settings = {"skeleton": True, "influences": 4, "joints": "translate"}
+    written = cageik_cli.export("cages.h5", "a.glb", **settings)
     words = ("--skeleton", "--influences", "4", "--joints", "translate", "-q")
     assert run("export", "cages.h5", "b.glb", *words).code == 0
     assert Path("a.glb").read_bytes() == Path("b.glb").read_bytes()
@@ -273,8 +275,8 @@ def test_views_of_a_report_have_the_bytes_of_the_command(extracted, run):
     for suffix in ("csv", "svg"):
         assert Path(f"a.{suffix}").read_bytes() == Path(f"b.{suffix}").read_bytes()
     for suffix in ("xml", "md", "json"):  # where notes name a setting, one has the option
-        texts = [Path(f"{name}.{suffix}").read_text() for name in "ab"]
-        alike = [re.sub(r"--[a-z-]+( [\d.]+)?|`[a-z_]+=[^`]*`", "SETTING", text) for text in texts]
+        views = [Path(f"{name}.{suffix}").read_text().replace("\\", "") for name in "ab"]
+        alike = [SETTING.sub("SETTING", view) for view in views]
         assert alike[0] == alike[1]
 
 

@@ -1,7 +1,7 @@
 """From a clip of meshes to a skinned .glb, in the cells of a notebook.
 
-`# %%` begins a cell in Jupyter, VS Code, PyCharm and Spyder; it is a plain script, too. Run it where
-`data_fixtures` is, as in a clone of the project: python docs/scripts/walker_to_glb.py
+`# %%` begins a cell in Jupyter, VS Code, PyCharm and Spyder; it is a plain script, too. Run it
+where `data_fixtures` is, as in a clone of the project: python docs/scripts/walker_to_glb.py
 """
 
 # %% Load a clip, and the cage around its first frame.

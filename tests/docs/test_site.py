@@ -32,9 +32,14 @@ def list_nav(entries):
 
 
 def list_unnamed(page):
-    """Return the public names that have no entry on the page of the API."""
+    """Return the public names that have no entry on the page of the reference."""
     entries = re.findall(r"^::: cageik_cli\.[\w.]*?(\w+)$", page, flags=re.M)
     return sorted(set(cageik_cli.__all__) - set(entries))
+
+
+def list_rows(page):
+    """Return the names in the tables of the API, and the entries of the reference they link to."""
+    return re.findall(r"^\| \[`(\w+)`\]\(reference\.md#([\w.]+)\) \| \S", page, flags=re.M)
 
 
 def find_broken_links(path):
@@ -75,7 +80,8 @@ def test_a_broken_link_is_found(write_page):
 
 def test_the_readme_links_every_page_but_the_generated():
     text = (ROOT / "README.md").read_text()
-    pages = set(list_nav(read_config()["nav"])) - {"index.md", "api.md", "commands.md"}
+    built = {"index.md", "api.md", "commands.md", "reference.md"}
+    pages = set(list_nav(read_config()["nav"])) - built
     assert sorted(page for page in pages if f"(docs/{page})" not in text) == []
 
 
@@ -136,6 +142,17 @@ class TestTheSite:
 
 
 def test_every_public_name_is_in_the_reference():
-    page = (ROOT / "docs/api.md").read_text(encoding="utf-8")
+    page = (ROOT / "docs/reference.md").read_text(encoding="utf-8")
     assert list_unnamed(page) == []
     assert list_unnamed(page.replace(".PointCloud", ".Cloud")) == ["PointCloud"]
+
+
+def test_every_public_name_has_a_row_that_links_its_entry():
+    page = (ROOT / "docs/api.md").read_text(encoding="utf-8")
+    entries = re.findall(r"^::: ([\w.]+)$", (ROOT / "docs/reference.md").read_text(), flags=re.M)
+    rows = list_rows(page)
+    assert sorted(name for name, _ in rows) == sorted(cageik_cli.__all__)
+    assert [(name, link) for name, link in rows if link not in entries or name not in link] == []
+    assert ":::" not in page
+    assert len(list_rows(page.replace("| [`Camera`]", "| [`Camra`]"))) == len(rows)
+    assert list_rows("| `Camera` | no link |") == []
