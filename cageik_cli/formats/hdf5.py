@@ -94,10 +94,9 @@ def choose_clip(names: list[str], member: str | None) -> str:
             f"{_join_names(near)}; cageik info lists all"
         )
     if len(names) > 1:
-        raise SettingError(
-            f"holds {len(names)} clips: {_join_names(names)}; choose one, as in "
-            f"FILE::{to_unicode(names[0])}"
-        )
+        named = next((name for name in names if name.strip()), None)
+        remedy = "give them names" if named is None else "choose one, as in FILE::" + named
+        raise SettingError(f"holds {len(names)} clips: {_join_names(names)}; {to_unicode(remedy)}")
     return names[0]
 
 
@@ -152,7 +151,8 @@ def _read_attribute(file: Any, clip: str, name: str, default: float) -> Floats:
 
 
 def _join_names(names: list[str]) -> str:
-    return join_truncated((to_unicode(name) for name in names), MAX_LISTED)
+    shown = (to_unicode(name) if name.strip() else repr(name) for name in names)
+    return join_truncated(shown, MAX_LISTED)
 
 
 class Reader(ClipFile):
