@@ -41,6 +41,14 @@ def weights_once(monkeypatch, known_weights) -> None:
     monkeypatch.setattr(harmonic, "harmonic_weights", compute_once)
 
 
+def find_examples(thing, name):
+    """Return the examples of a public name; a name without any is a failure."""
+    assert "Examples\n" in (thing.__doc__ or ""), f"{name} has no example"
+    (test,) = doctest.DocTestFinder(recurse=False).find(thing, name, globs={})
+    assert test.examples, f"{name} has no example"
+    return test
+
+
 BUILDING = ("BuiltCage", "build_cage")
 """Names whose examples build a cage, which takes seconds."""
 
@@ -54,13 +62,20 @@ BUILDING = ("BuiltCage", "build_cage")
 )
 @pytest.mark.usefixtures("weights_once")
 def test_every_public_name_has_an_example_that_runs(name):
-    thing = getattr(cageik_cli, name)
-    assert "Examples\n" in (thing.__doc__ or "")
-    (test,) = doctest.DocTestFinder(recurse=False).find(thing, name, globs={})
-    assert test.examples
+    test = find_examples(getattr(cageik_cli, name), name)
     output = []
     results = doctest.DocTestRunner().run(test, out=output.append)
     assert results.failed == 0, "".join(output)
+
+
+@pytest.mark.parametrize("text", ["", "Do it.", "Examples\n--------\nNone yet.\n"])
+def test_a_public_name_without_an_example_is_found(text):
+    def function():
+        pass
+
+    function.__doc__ = text
+    with pytest.raises(AssertionError, match="extrude has no example"):
+        find_examples(function, "extrude")
 
 
 def test_an_example_that_is_wrong_is_found():

@@ -70,7 +70,7 @@ def report_to_files(
 
     Examples
     --------
-    from pathlib import Path
+    >>> from pathlib import Path
     >>> from cageik_cli import extract_to_file, report_to_files
     >>> walker = "data_fixtures/walker"
     >>> result = extract_to_file(f"{walker}/frames", f"{walker}/cage.obj", "walker.h5")
