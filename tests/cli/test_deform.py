@@ -319,7 +319,8 @@ def test_a_result_whose_settings_are_damaged_is_refused(run, extracted):
         file.attrs["settings"] = '{"coordinates": []}'
     outcome = run("deform", "cages.h5", *OUT)
     assert outcome.code == 1
-    assert outcome.err.startswith(
+    damage = "Error: cages.h5: --coordinates is '[]', expected one of harmonic"
+    assert outcome.err.startswith(damage)
         "Error: cages.h5: --coordinates is '[]', expected one of harmonic"
     )
 
