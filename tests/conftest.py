@@ -35,6 +35,7 @@ from cageik_cli.run.settings import ExtractSettings
 from cageik_cli.store.result import Result
 from cageik_cli.util import compiled
 from cageik_cli.util.threads import use_one_blas_thread
+from cageik_cli.view import report as view_report
 from tests.formats.gltf.khronos import KhronosValidator
 from tests.shapes import ball, box
 
@@ -117,7 +118,8 @@ def validated_records() -> Iterator[None]:
     """All reports and records of batches, in all tests, are as their JSON schema says."""
     validator = Draft202012Validator(json.loads(schema.format_schema()))
     with pytest.MonkeyPatch.context() as monkeypatch:
-        monkeypatch.setattr(data, "format_json", _validate(data.format_json, validator))
+        for module in (data, view_report):
+            monkeypatch.setattr(module, "format_json", _validate(data.format_json, validator))
         write = _validate(data.format_overview_json, validator)
         monkeypatch.setattr(data, "format_overview_json", write)
         monkeypatch.setitem(batch_run.REPORT_FILES, "report.json", write)

@@ -321,8 +321,6 @@ def test_a_result_whose_settings_are_damaged_is_refused(run, extracted):
     assert outcome.code == 1
     damage = "Error: cages.h5: --coordinates is '[]', expected one of harmonic"
     assert outcome.err.startswith(damage)
-        "Error: cages.h5: --coordinates is '[]', expected one of harmonic"
-    )
 
 
 @pytest.mark.parametrize(
