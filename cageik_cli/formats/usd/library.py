@@ -145,7 +145,7 @@ def check_layers(path: Path) -> list[Any]:
         waiting += sorted(composed - seen, key=lambda one: (one[0], one[1].key, one[2]))
         seen |= composed
         if len(seen) > MAX_LAYERS:
-            raise FormatError(f"is composed of more than {MAX_LAYERS} layers; export it as one")
+            raise _make_layers_error()
     found = [layer for layer in layers.values() if layer is not None]
     try:
         count = _PrimCounter().count_stage(found[0]) if found else 0
@@ -154,6 +154,10 @@ def check_layers(path: Path) -> list[Any]:
     if count > MAX_PRIMS:
         raise FormatError(f"its references make more than {MAX_PRIMS} prims; export the mesh alone")
     return found
+
+
+def _make_layers_error() -> FormatError:
+    return FormatError(f"is composed of more than {MAX_LAYERS} layers; export it as one")
 
 
 def _open_layer(name: str, stage: Path) -> Any:
@@ -282,63 +286,96 @@ def _is_nested_deeply(text: mmap.mmap) -> bool:
 
 
 class _PrimCounter:
-    """Bounds the prims of composed layers, without composing them.
+    """Bounds the prims of composed layers, without composing them, and refuses cycles.
 
-    Each prim counts once in its layer and once for each reference, payload, inherit, specialize
-    and variant that brings it in.
+    Each prim counts once in its stack of layers and once for each reference, payload, inherit,
+    specialize and variant that brings it in. USD composes every way through a cycle that meets no
+    prim twice, and these may be any number.
     """
 
     def __init__(self) -> None:
         self._counts: dict[tuple[str, str, _Variables], int] = {}
+        self._open: set[tuple[str, str, _Variables]] = set()
+        self._stacks: dict[tuple[str, _Variables], list[Any]] = {}
 
     def count_stage(self, layer: Any) -> int:
         """Bound the prims of a stage by its root layer."""
-        return self.count(layer, layer.pseudoRoot, _Variables({}).enter(layer))
+        return self._count_at(layer, layer.pseudoRoot.path, _Variables({}).enter(layer))
 
-    def count(self, layer: Any, spec: Any, variables: _Variables) -> int:
-        """Bound the prims at and below one of a layer, or of all for its pseudo-root.
+    def _count_at(self, root: Any, path: Any, variables: _Variables) -> int:
+        """Bound the prims at and below a path in the stack of a root layer; 0 for none there."""
+        key = root.identifier, variables
+        if key not in self._stacks:
+            self._stacks[key] = self._list_stack(root, variables, ())
+        specs = [spec for layer in self._stacks[key] if (spec := layer.GetPrimAtPath(path))]
+        return self._count(root, specs, variables) if specs else 0
 
-        A cycle, which USD refuses, counts nothing. One prim more than are allowed are looked at.
-        """
-        key = layer.identifier, str(spec.path), variables
-        if key not in self._counts:
-            self._counts[key] = 0
-            if len(self._counts) <= MAX_PRIMS + 1:
-                self._counts[key] = 1 + sum(self._count_parts(layer, spec, variables))
-        return self._counts[key]
-
-    def _count_parts(self, layer: Any, spec: Any, variables: _Variables) -> Iterator[int]:
-        """Yield a bound for each child, each arc and each variant of a prim."""
-        for child in spec.nameChildren:
-            yield self.count(layer, child, variables)
-        if spec == layer.pseudoRoot:
-            for name in layer.subLayerPaths:
-                yield self._count_target(layer, name, None, variables, is_sublayer=True)
-            return
-        for arcs in (spec.referenceList, spec.payloadList):
-            for arc in arcs.GetAddedOrExplicitItems():
-                yield self._count_target(layer, arc.assetPath, arc.primPath, variables)
-        for paths in (spec.inheritPathList, spec.specializesList):
-            for path in paths.GetAddedOrExplicitItems():
-                yield self._count_target(layer, "", path, variables)
-        for variants in spec.variantSets.values():
-            for variant in variants.variantList:
-                yield self.count(layer, variant.primSpec, variables)
-
-    def _count_target(
-        self, layer: Any, asset: str, path: Any, variables: _Variables, is_sublayer: bool = False
-    ) -> int:
-        """Bound the prims of what a prim refers to; without a path, of the default prim."""
+    def _list_stack(self, layer: Any, variables: _Variables, above: tuple[str, ...]) -> list[Any]:
+        """List a layer and its sublayers, each once for every layer that has it."""
         from pxr import Sdf
 
-        for file in variables.find_files(layer, [asset]) if asset else (layer.identifier,):
-            target = Sdf.Layer.Find(file)
-            if target is not None:
-                if asset and not is_sublayer:
-                    variables = variables.enter(target)
-                spec = target.GetPrimAtPath(path) if path else target.pseudoRoot
-                return 0 if spec is None else self.count(target, spec, variables)
-        return 0
+        if layer.identifier in above:
+            raise FormatError(
+                f"{Path(layer.identifier).name} is a sublayer of itself; export it as one layer"
+            )
+        stack = [layer]
+        for file in variables.find_files(layer, layer.subLayerPaths):
+            below = Sdf.Layer.Find(file)
+            if below is not None:
+                stack += self._list_stack(below, variables, (*above, layer.identifier))
+            if len(stack) > MAX_LAYERS:
+                raise _make_layers_error()
+        return stack
+
+    def _count(self, root: Any, specs: list[Any], variables: _Variables) -> int:
+        """Bound the prims at and below one, by what the layers of a stack say of it.
+
+        One prim more than are allowed are looked at.
+        """
+        path = str(specs[0].path)
+        key = root.identifier, path, variables
+        if key in self._open:
+            raise FormatError(
+                f"{path} of {Path(root.identifier).name} refers to itself, or to what holds it; "
+                "export the mesh alone"
+            )
+        if key not in self._counts:
+            self._counts[key] = 1
+            if len(self._counts) <= MAX_PRIMS + 1:
+                self._open.add(key)
+                self._counts[key] += sum(self._count_parts(root, specs, variables))
+                self._open.remove(key)
+        return self._counts[key]
+
+    def _count_parts(self, root: Any, specs: list[Any], variables: _Variables) -> Iterator[int]:
+        """Yield a bound for each child, each arc and each variant of a prim."""
+        below: dict[str, list[Any]] = {}
+        for spec in specs:
+            variants = (each for group in spec.variantSets.values() for each in group.variantList)
+            for part in (*spec.nameChildren, *(variant.primSpec for variant in variants)):
+                below.setdefault(str(part.path), []).append(part)
+        for parts in below.values():
+            yield self._count(root, parts, variables)
+        for spec in specs:
+            for arcs in (spec.referenceList, spec.payloadList):
+                for arc in arcs.GetAddedOrExplicitItems():
+                    yield self._count_target(root, spec, arc, variables)
+            for paths in (spec.inheritPathList, spec.specializesList):
+                for path in paths.GetAddedOrExplicitItems():
+                    yield self._count_at(root, path, variables)
+
+    def _count_target(self, root: Any, spec: Any, arc: Any, variables: _Variables) -> int:
+        """Bound the prims of what a reference or a payload names; without a path, the default."""
+        from pxr import Sdf
+
+        if arc.assetPath:
+            files = variables.find_files(spec.layer, [arc.assetPath])
+            root = next((layer for file in files if (layer := Sdf.Layer.Find(file))), None)
+            if root is None:
+                return 0  # USD says that it is not there
+            variables = variables.enter(root)
+        path = arc.primPath or root.GetDefaultPrimAsPath()
+        return self._count_at(root, path, variables) if path else 0
 
 
 def _resolve(layer: Any, names: list[str]) -> Iterator[str]:

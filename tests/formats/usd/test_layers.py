@@ -3,6 +3,7 @@
 import random
 from pathlib import Path
 
+import pytest
 from pxr import Tf, Usd
 
 from cageik_cli.formats.open import open_sequence
@@ -60,6 +61,8 @@ def write_at_random(generator):
 
 def test_every_layer_that_usd_uses_was_checked(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
+    # Those of cycles are found, too, before these are refused.
+    monkeypatch.setattr(library._PrimCounter, "count_stage", lambda self, layer: 0)
     found = 0
     for seed in range(20):
         write_at_random(random.Random(seed))
@@ -112,4 +115,79 @@ def test_layers_that_are_many_by_their_variables_are_refused(tmp_path, monkeypat
         write_layer(f"v{k}.usda", set_variables(X=str(k)), arcs=["references = @end.usda@"])
     write_layer("end.usda")
     with refused(FormatError, "more than 20 layers"):
+        check_layers(Path("top.usda"))
+
+
+def write_cross(folder, names=range(6)):
+    """Prims that each refer to all others: the ways through them are 6 factorial."""
+    parts = "".join(
+        f'def "p{k}" {{\n'
+        + "".join(f'def "q{j}" (references = </m/p{j}>) {{\n}}\n' for j in names)
+        + "}\n"
+        for k in names
+    )
+    write_layer(folder / "top.usda", below=parts)
+
+
+def write_sublayers(folder):
+    write_layer(folder / "top.usda", "subLayers = [@low.usda@]")
+    write_layer(folder / "low.usda", "subLayers = [@top.usda@]")
+
+
+def write_arcs_behind_sublayers(folder):
+    """A layer whose prims are in its sublayer, which refers to the first again."""
+    write_layer(folder / "top.usda", below='def "n" (references = @stack.usda@</m>) {\n}')
+    (folder / "stack.usda").write_text("#usda 1.0\n(subLayers = [@held.usda@])\n")
+    write_layer(folder / "held.usda", below='def "n" (payload = @top.usda@) {\n}')
+
+
+CYCLES = {
+    "itself": lambda folder: write_layer(folder / "top.usda", arcs=["references = @top.usda@"]),
+    "its parent": lambda folder: write_layer(
+        folder / "top.usda", below='def "n" (inherits = </m>) {\n}'
+    ),
+    "each other": write_cross,
+    "behind sublayers": write_arcs_behind_sublayers,
+}
+
+
+@pytest.mark.parametrize("name", CYCLES)
+def test_prims_that_refer_to_themselves_are_refused(tmp_path, monkeypatch, name):
+    CYCLES[name](tmp_path)
+    monkeypatch.chdir(tmp_path)
+    with refused(FormatError, "refers to itself, or to what holds it; export the mesh alone"):
+        check_layers(Path("top.usda"))
+
+
+def test_a_sublayer_of_itself_is_refused(tmp_path, monkeypatch):
+    write_sublayers(tmp_path)
+    monkeypatch.chdir(tmp_path)
+    with refused(FormatError, "top.usda is a sublayer of itself"):
+        check_layers(Path("top.usda"))
+
+
+def test_layers_may_refer_to_each_other_without_a_cycle(tmp_path, monkeypatch):
+    """A sublayer brings in again what is below it, and a prim refers to one beside it."""
+    monkeypatch.chdir(tmp_path)
+    both = "".join(
+        f'def "{name}" ({arc}) {{\n}}\n'
+        for name, arc in {"a": "", "b": "references = </m/a>", "c": "payload = @x.usda@"}.items()
+    )
+    write_layer("x.usda", below='def "a" {\n}')
+    write_layer("top.usda", "subLayers = [@x.usda@]", arcs=["references = @x.usda@"], below=both)
+    names = {Path(layer.realPath).name for layer in check_layers(Path("top.usda"))}
+    assert names == {"top.usda", "x.usda"}
+
+
+def test_prims_of_sublayers_are_counted(tmp_path, monkeypatch):
+    """What refers to a layer gets the prims of its sublayers."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(library, "MAX_PRIMS", 50)
+    write_layer("low.usda", below="".join(f'def "n{k}" {{\n}}\n' for k in range(40)))
+    Path("stack.usda").write_text("#usda 1.0\n(subLayers = [@low.usda@])\n")
+    write_layer("top.usda", arcs=["references = @stack.usda@</m>"])
+    check_layers(Path("top.usda"))
+    twice = "".join(f'def "{name}" (references = @stack.usda@</m>) {{\n}}\n' for name in "no")
+    write_layer("top.usda", below=twice)
+    with refused(FormatError, "more than 50 prims"):
         check_layers(Path("top.usda"))
