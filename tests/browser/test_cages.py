@@ -406,3 +406,16 @@ def test_an_edit_without_strength_is_said_to_be(edit):
     settle(page)
     assert "has no strength in this frame" in page.text_content("[data-cage-said]")
     assert read_file(page)["edits"][0]["moves"] == []
+
+
+def test_a_large_file_is_saved_as_short_as_it_can_be_read_again(edit, tmp_path):
+    """Indented it would have more bytes than files may have."""
+    moves = [{"vertex": k, "offset": [0.015625, 0.0078125, 0.00390625]} for k in range(80)]
+    content = {"edits": [{"name": f"edit {k}", "moves": moves} for k in range(300)]}
+    text = json.dumps(content, separators=(",", ":"))
+    assert len(text) < 2_000_000 < len(json.dumps(content, indent=2))
+    page = edit()
+    load(page, text)
+    saved = save(page, tmp_path).read_text()
+    assert json.loads(saved) == content
+    assert len(saved) <= 2_000_000

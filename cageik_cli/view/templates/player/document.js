@@ -11,6 +11,12 @@ function parseFile(text, kind) {
   return JSON.parse(text);
 }
 
+// Returns the text of a file: indented, or short if it then is too large to be read.
+function writeFile(content) {
+  const text = `${JSON.stringify(content, null, 2)}\n`;
+  return new Blob([text]).size > MAX_FILE_BYTES ? `${JSON.stringify(content)}\n` : text;
+}
+
 // Reads a handles file; refuses what the page cannot show, and says why.
 function readFile(text, clip) {
   const file = parseFile(text, "handles");

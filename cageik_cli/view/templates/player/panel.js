@@ -115,7 +115,7 @@ class Panel {
   // Saves a file of JSON, and loads one.
   exchange(fileName, write, read) {
     this.listen("save", () => {
-      const text = encodeURIComponent(`${JSON.stringify(write(), null, 2)}\n`);
+      const text = encodeURIComponent(writeFile(write()));
       makeElement("a", { href: `data:application/json,${text}`, download: fileName }).click();
     });
     on(this.find("load"), "change", async ({ target }) => {
