@@ -134,7 +134,9 @@ def check_content(head: bytes, *, is_json: bool = False, may_be_empty: bool = Fa
         For an empty file, a pointer of Git LFS or git-annex, a web page, and XML or JSON, as
         servers send it when they refuse a download. The message does not name the file.
     """
-    text = head.removeprefix(codecs.BOM_UTF8).lstrip()
+    is_wide = head.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))  # browsers save pages so
+    text = head.decode("utf-16", "ignore").encode(errors="ignore") if is_wide else head
+    text = text.removeprefix(codecs.BOM_UTF8).lstrip()
     if not head and not may_be_empty:
         raise FormatError("the file is empty; copy, download or export it again")
     for start, kind, command in POINTERS:

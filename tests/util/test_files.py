@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from cageik_cli.util.errors import FileAccessError
+from cageik_cli.util.errors import FileAccessError, FormatError
 from cageik_cli.util.files import (
     check_input,
     open_input,
@@ -42,6 +42,16 @@ def test_a_file_without_end_is_not_read_to_memory(tmp_path):
         file.truncate(1 << 40)
     with pytest.raises(FileAccessError, match="expected at most"):
         read_input(tmp_path / "huge")
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16"])
+def test_a_page_in_place_of_json_is_refused_as_such(tmp_path, encoding):
+    path = tmp_path / "a.json"
+    path.write_text("<!DOCTYPE html>\n<html></html>", encoding=encoding)
+    with refused(FormatError, "is a web page (HTML)"):
+        read_input(path, is_json=True)
+    path.write_text('{"handles": []}', encoding=encoding)
+    assert read_input(path, is_json=True) == path.read_bytes()
 
 
 @pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="no such file system")
