@@ -9,9 +9,16 @@ import pytest
 from cageik_cli.formats.find_files import clip_suffixes
 from cageik_cli.formats.open import describe_contents, load_mesh, open_sequence
 from cageik_cli.formats.settings import ClipSettings, Scene
-from cageik_cli.util.errors import ConnectivityError, FormatError, InputError, SettingError
+from cageik_cli.util.errors import (
+    ConnectivityError,
+    FileAccessError,
+    FormatError,
+    InputError,
+    SettingError,
+)
 from tests.clips import frames_of
 from tests.formats.kinds import FACES, FRAMES, KINDS, WITHOUT_FACES
+from tests.refusals import refused
 from tests.texts import texts
 
 SLICES = [slice(1, 3), slice(None, None, 2), slice(-2, None), slice(2, 99, 2)]
@@ -63,6 +70,14 @@ def test_frames_faces_and_digest(clip):
     assert sequence.describe_source() == {"name": clip.name, "sha256": digest}
     assert sequence.digest(2).hex() == digest
     assert texts(sequence.notes) == ()
+
+
+def test_a_file_that_is_written_again_keeps_no_digest(clip):
+    """Its digest would be of the new content, and what was read of the old."""
+    sequence = clip.open()
+    clip.path.write_bytes(clip.path.read_bytes() + b" ")
+    with refused(FileAccessError, "changed while it was read; run again", clip.path):
+        sequence.describe_source()
 
 
 @pytest.mark.parametrize("selection", SLICES, ids=str)

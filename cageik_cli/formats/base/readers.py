@@ -9,13 +9,14 @@ import struct
 import weakref
 from abc import ABC, abstractmethod
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from io import BufferedIOBase, RawIOBase
 from math import prod
 from pathlib import Path
 from threading import Lock
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -41,7 +42,7 @@ from cageik_cli.util.errors import (
     SettingError,
     error_context,
 )
-from cageik_cli.util.files import open_content, read_input
+from cageik_cli.util.files import Mark, mark_file, open_content, read_input
 from cageik_cli.util.messages import Note, Said, say
 from cageik_cli.util.text import group_digits, to_unicode
 
@@ -198,6 +199,7 @@ class ClipFile(MeshSequence):
     path: Path
     frame_indices: range
     _reading: tuple[object, ...] = ()
+    _marks: Mapping[Path, Mark | None] = MappingProxyType({})
 
     def set_frames(self, request: ClipRequest, count: int, scene: SceneHints | None = None) -> None:
         """Select the requested frames of the `count` in the file, and name them.
@@ -205,6 +207,7 @@ class ClipFile(MeshSequence):
         `scene` has the settings that the file gives for all of them.
         """
         self.path = request.path
+        self._marks = self._marks or {self.path: mark_file(self.path)}
         scene = scene or SceneHints()
         self.frame_indices = request.select_frames(count, scene)
         settings = request.settings
@@ -249,8 +252,17 @@ class ClipFile(MeshSequence):
         self._digest = digests[0]
 
     def describe_source(self) -> dict[str, Any]:
-        """Return the name of the file, and of what is read of it, and the digest of the file."""
-        return {"name": self._name, "sha256": self._digest.hex()}
+        """Return the name of the file, and of what is read of it, and the digest of the file.
+
+        Raises FileAccessError if the file was written again since it was opened: the digest may not
+        be of what was read.
+        """
+        source = {"name": self._name, "sha256": self._digest.hex()}
+        for path, mark in self._marks.items():
+            with error_context(path):
+                if mark_file(path) != mark:
+                    raise FileAccessError("changed while it was read; run again")
+        return source
 
     @cached_property
     def _digest(self) -> bytes:

@@ -257,6 +257,7 @@ class SceneReader(ClipFile):
 
     def __init__(self, request: ClipRequest) -> None:
         self.path = path = request.path
+        own = mark_file(path)  # before anything is read of it
         with error_context(path):
             self.check_file(path)
             if self.library:
@@ -271,6 +272,7 @@ class SceneReader(ClipFile):
                         f"{join_truncated(self.lacking, MAX_MISSING_NAMED)}; put what is missing "
                         "there, or correct its path; without it: " + error.text
                     ) from error
+        self._marks = {file: mark_file(file) for file in self.files} | {path: own}
         left_out = self.lacking[:MAX_MISSING_NAMED]
         missing = [Note(f"{text}; it is left out", "warning") for text in left_out]
         more = len(self.lacking) - len(missing)

@@ -6,7 +6,7 @@ import pytest
 from cageik_cli.formats.open import describe_contents, list_members, open_sequence
 from cageik_cli.formats.settings import ClipSettings
 from cageik_cli.geometry.parts import split_parts
-from cageik_cli.util.errors import SettingError
+from cageik_cli.util.errors import FileAccessError, SettingError
 from tests.clips import frames_of
 from tests.formats.gltf.built import Built
 from tests.formats.gltf.evaluated import Evaluated
@@ -410,3 +410,18 @@ def test_weights_are_divided_by_their_sum_and_lost_vertices_follow_their_first_j
     notes = " ".join(texts(clip.notes))
     assert "the weights of 1 vertex sum to 0; the first joint" in notes
     assert "the weights of 1 vertex sum to 0.5 to 1, and are divided" in notes
+
+
+def test_a_buffer_that_is_written_again_keeps_no_digest(tmp_path):
+    built = Built()
+    positions = built.array(np.eye(4, 3))
+    corners = built.array([0, 2, 1, 0, 1, 3, 1, 2, 3, 2, 0, 3], "I")
+    primitive = {"attributes": {"POSITION": positions}, "indices": corners}
+    built.add("nodes", {"mesh": built.add("meshes", {"primitives": [primitive]})})
+    path = built.save(tmp_path / "blob.gltf")
+    sequence = open_sequence([str(path)])
+    assert sequence.describe_source()["files"] == 2
+    with (tmp_path / "blob data.bin").open("ab") as file:
+        file.write(b"0000")
+    with refused(FileAccessError, "changed while it was read", tmp_path / "blob data.bin"):
+        sequence.describe_source()
