@@ -50,6 +50,9 @@ MAX_MORPHS = 256
 MAX_SCENE_NUMBER = 1e50
 """Numbers of a scene up to it, and from its inverse on, multiply and divide without overflow."""
 
+MAX_START_STEPS = 1e12
+"""Steps of frame numbers from 0 to the first frame; far more, and numbers would round to others."""
+
 
 @dataclass(frozen=True, slots=True)
 class Scene:
@@ -94,10 +97,10 @@ class Scene:
             raise SettingError(
                 f"the number of the first frame is {self.start}, expected a finite number"
             )
-        if abs(self.start) > MAX_SCENE_NUMBER:
+        if abs(self.start) > MAX_START_STEPS * self.frame_step:
             raise SettingError(
                 f"the number of the first frame is {self.start:g}, expected one up to "
-                f"{MAX_SCENE_NUMBER:g}"
+                f"{MAX_START_STEPS * self.frame_step:g}"
             )
         if self.up_axis not in UP_AXES:
             raise SettingError(f"the up axis is {self.up_axis}, expected {' or '.join(UP_AXES)}")

@@ -302,8 +302,8 @@ def find_invalid_metric(metrics: FrameMetrics) -> str | None:
         if not are_lengths(column).all():
             return f"`metrics/{name}` that is not a length"
     for name in ("volume", "volume_reconstructed"):
-        if np.isinf(getattr(metrics, name)).any():
-            return f"`metrics/{name}` that is not finite"
+        if (np.abs(getattr(metrics, name)) > MAX_LENGTH**3).any():
+            return f"`metrics/{name}` that is not finite, or too large"
     return None
 
 
