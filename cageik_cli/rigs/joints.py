@@ -26,7 +26,8 @@ because |y R| = |y|. The sums over the vertices are in the matrix: a sweep over 
 same for any mesh. Joints that have nothing to do with each other move at once.
 
 All is solved relative to the best rigid motion of the frame, so that a rigid motion turns all
-joints alike, and in displacements, so that the rest pose gives identities exactly.
+joints alike, and in displacements, so that the rest pose gives identities exactly. Each frame is
+solved for itself; `jumps` smooths joints that jump from one to the next.
 
 Of n' only the direction is a normal.
 """
@@ -42,7 +43,7 @@ from cageik_cli.geometry.rotations import nearest_rotations_by_entry
 from cageik_cli.geometry.shape import compute_vertex_normals, uniform_laplacian
 from cageik_cli.method.solve.dual_laplacian import DualLaplacianSolver
 from cageik_cli.method.weights.binding import Poses
-from cageik_cli.util.arrays import Floats, Integers
+from cageik_cli.util.arrays import Floats, Integers, Mask
 
 NORMAL_LENGTH = 0.0075
 """A normal off by a radian counts as a vertex off by this share ℓ of the diagonal.
@@ -85,12 +86,47 @@ class JointPoses(Poses):
         R_j of each joint, in the same sense; joints that only translate have none.
     normals : (k, m, 3) float64, optional
         Those of the frames that joints which turn follow, as of `compute_vertex_normals`.
+    jumps : (k, n) bool, optional
+        Which joints jump from the frame before.
     """
 
     rotations: Floats
     meshes: Floats
     turns: Floats | None = None
     normals: Floats | None = None
+    jumps: Mask | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class JointFrames:
+    """The joints of k frames as they are solved.
+
+    Attributes
+    ----------
+    right, changes : (4n, 3k) float64
+        The right-hand side, and the changes of the joints.
+    centres, rotations : (k, 3), (k, 3, 3) float64
+        The best rigid motion of each frame.
+    surface : (k, n, 3, 3) float64
+        Rotations nearest to how the surface around each joint is turned, as `turns`.
+    normals : (k, m, 3) float64
+        Of the aligned frames.
+    """
+
+    right: Floats
+    changes: Floats
+    centres: Floats
+    rotations: Floats
+    surface: Floats
+    normals: Floats
+
+    @property
+    def turns(self) -> Floats:
+        """R_j of each joint, with the whole, (k, n, 3, 3)."""
+        n, count = len(self.changes) // 4, len(self.rotations)
+        parts = self.changes.reshape(n, 4, count, 3)
+        turns = np.eye(3) + parts[:, :3].transpose(2, 0, 1, 3)
+        return np.asarray(turns @ self.rotations[:, None])
 
 
 class JointSolver:
@@ -125,34 +161,34 @@ class JointSolver:
         self._pull = np.tile(ROTATION_PULL * unit * np.array([1.0, 1, 1, 0]), n)[:, None]
         factor = np.linalg.cholesky(matrix + np.diag(self._pull[:, 0]))
         self._inverse_factor = np.linalg.inv(factor)
+        self._centres, self._spreads = self._measure_followers()
 
-    def solve(self, frames: Floats) -> JointPoses:
-        """Return the joints of frames (k, m, 3)."""
+    def solve(self, frames: Floats) -> JointFrames:
+        """Solve the joints of frames (k, m, 3), each for itself."""
         columns, centres, rotations = self.solver.align(frames)
-        normals = self._compute_normals(columns)
-        right = self.multiply(columns, self._scale_normals(normals))
+        normals, moved = self._compute_normals(columns), self.multiply_moves(columns)
+        right = moved + self.multiply_normals(self._scale_normals(normals))
         changes = self.sweep(right, self.start(right), SWEEPS)
-        n, count = len(self._joints), len(frames)
-        parts = changes.reshape(n, 4, count, 3)
-        turns = np.eye(3) + parts[:, :3].transpose(2, 0, 1, 3)
-        places = self.solver.rest_cage + self._diagonal * parts[:, 3].swapaxes(0, 1)
+        surface = self._turn_surface(moved).transpose(2, 0, 1, 3) @ rotations[:, None]
+        return JointFrames(right, changes, centres, rotations, surface, normals)
+
+    def pose(self, solved: JointFrames) -> JointPoses:
+        """Return where solved joints are, and the mesh that follows them."""
+        changes, rotations, shift = solved.changes, solved.rotations, solved.centres[:, None]
+        moves = changes.reshape(len(self._joints), 4, len(rotations), 3)[:, 3].swapaxes(0, 1)
+        places = self.solver.rest_cage + self._diagonal * moves
         meshes = self.solver.rest + columns_to_frames(self._skin(changes))
-        whole, shift = rotations[:, None], centres[:, None]
         return JointPoses(
             cages=places @ rotations + shift,
-            turns=turns @ whole,
+            turns=solved.turns,
             rotations=rotations,
             meshes=meshes @ rotations + shift,
-            normals=normals @ rotations,
+            normals=solved.normals @ rotations,
         )
 
     def change_normals(self, columns: Floats) -> Floats:
         """Return how displacements (m, 3k) change the normals of length ℓ, as (m, 3k)."""
         return self._scale_normals(self._compute_normals(columns))
-
-    def multiply(self, columns: Floats, normals: Floats) -> Floats:
-        """Return the right-hand sides, (4n, 3k), of displacements and changes of normals."""
-        return self.multiply_moves(columns) + self.multiply_normals(normals)
 
     def multiply_moves(self, columns: Floats) -> Floats:
         """Return what displacements, (m, b), add to right-hand sides, (4n, b)."""
@@ -181,12 +217,18 @@ class JointSolver:
             parts[:, :3] = find_rotation_changes(parts[:, :3] + np.eye(3)[:, None])
         return changes
 
-    def sweep(self, right: Floats, changes: Floats, count: int) -> Floats:
-        """Move each joint in turn to where it is best for what the others leave, `count` times."""
+    def sweep(
+        self, right: Floats, changes: Floats, count: int, pulls: Floats | None = None
+    ) -> Floats:
+        """Move each joint in turn to where it is best for what the others leave, `count` times.
+
+        Rotations are drawn towards matrices (n, 3, k, 3), `pulls`: by these, in the inertia of the
+        joint.
+        """
         changes = changes.copy()
         for _ in range(count):
             for group in self._groups:
-                group.move(right, changes)
+                group.move(right, changes, pulls)
         return changes
 
     def lift(self, changes: Floats) -> Floats:
@@ -203,6 +245,30 @@ class JointSolver:
             along = self._weights @ np.ascontiguousarray(lifted[:, axis])
             skinned += self.points[:, axis, None] * along
         return skinned
+
+    def _measure_followers(self) -> tuple[Floats, Floats]:
+        """Return the centre of what follows each joint, (n, 3), and its Σ (x − x̄)ᵀ(x − x̄).
+
+        Centres are relative to the joints.
+        """
+        n, shares = len(self._joints), self.solver.data_scale * self.solver.vertex_weights
+        products = self.points[:, :, None] * self.points[:, None, :]
+        moments = self._weights.T @ (shares[:, None] * products.reshape(-1, 16))
+        moments = np.asarray(moments).reshape(n, 4, 4)
+        mass = np.where(moments[:, 3, 3] > 0, moments[:, 3, 3], 1)
+        centres = moments[:, :3, 3] / mass[:, None]
+        spreads = moments[:, :3, :3] - centres[:, :, None] * moments[:, 3, None, :3]
+        return centres - self._joints, spreads
+
+    def _turn_surface(self, moved: Floats) -> Floats:
+        """Return the rotations, (n, 3, k, 3), nearest to how displacements turn what follows.
+
+        These are as `multiply_moves` has them, (4n, 3k).
+        """
+        parts = moved.reshape(len(self._joints), 4, -1, 3)
+        turned = parts[:, :3] - self._centres[:, :, None, None] * parts[:, 3:]
+        changes = find_rotation_changes(turned + self._spreads[:, :, None])
+        return np.asarray(changes + np.eye(3)[:, None])
 
     def _compute_normals(self, columns: Floats) -> Floats:
         """Return the normals, (k, m, 3), of frames with displacements (m, 3k)."""
@@ -237,7 +303,7 @@ class JointGroup:
     """Joints of which none has to do with another: of the matrix, (4n, 4n), of all joints."""
 
     def __init__(self, matrix: Floats, joints: Integers) -> None:
-        self._count = len(joints)
+        self._count, self._joints = len(joints), joints
         self._rows = (4 * joints[:, None] + np.arange(4)).ravel()
         self._matrix = matrix[self._rows]
         local = self._rows.reshape(-1, 4)
@@ -245,14 +311,17 @@ class JointGroup:
         self._arms = self._own[:, :3, 3] / self._own[:, 3, 3, None]
         spread = self._own[:, :3, 3, None] * self._arms[:, None]
         self._inertia = (self._own[:, :3, :3] - spread)[:, :, None]
+        self._sizes = np.einsum("naka->n", self._inertia)[:, None, None, None]
 
-    def move(self, right: Floats, changes: Floats) -> None:
+    def move(self, right: Floats, changes: Floats, pulls: Floats | None = None) -> None:
         """Move the joints to where they are best for what the others leave; overwrites changes."""
         held = changes[self._rows].reshape(self._count, 4, -1)
         left = (right[self._rows] - self._matrix @ changes).reshape(held.shape)
         left += self._own @ held
         turned = left[:, :3] - self._arms[:, :, None] * left[:, 3:]
         turned = turned.reshape(self._count, 3, -1, 3) + self._inertia
+        if pulls is not None:
+            turned += self._sizes * pulls[self._joints]
         held[:, :3] = find_rotation_changes(turned).reshape(self._count, 3, -1)
         along = np.einsum("na,nab->nb", self._arms, held[:, :3])
         held[:, 3] = left[:, 3] / self._own[:, 3, 3, None] - along

@@ -1,7 +1,7 @@
 """A mesh that follows an animation by skin weights: its own, or few that are fitted again."""
 
 from collections.abc import Callable, Iterator
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from functools import cache as keep_result
 from functools import partial
 from itertools import chain, tee
@@ -30,6 +30,7 @@ from cageik_cli.method.weights.binding import (
     reconstruct_frames,
 )
 from cageik_cli.rigs.joints import JointPoses, JointSolver, NormalAngles
+from cageik_cli.rigs.jumps import follow_frames
 from cageik_cli.rigs.merging import MIN_JOINTS, MIN_JOINTS_PER_LIMB
 from cageik_cli.rigs.skinning import compare_roughness, group_joints, limit_influences
 from cageik_cli.store.cache import Entry, EntryCache, compute_rig_key, find_rig
@@ -42,8 +43,8 @@ from cageik_cli.util.settings import DEFAULT_MEMORY
 from cageik_cli.util.text import format_bytes, group_digits
 from cageik_cli.util.threads import limit_blas_threads
 
-Pose = Callable[[JointPoses], JointPoses]
-"""Poses the joints of a skin for some frames of the reconstruction."""
+Pose = Callable[[Iterator[JointPoses]], Iterator[JointPoses]]
+"""Poses the joints of a skin for all frames of the reconstruction, block by block."""
 
 RIG_VERSION = 2
 """Raise it when skins or their figures change, so that kept ones are not used."""
@@ -95,6 +96,8 @@ class Rig:
     roughness : float, optional
         Of the weights over the surface, as a share of that of the largest ones before they were
         fitted again. None where they were not.
+    jumps : (k, 2) int64
+        Frames, and joints that jump from the frame before.
     """
 
     skin: Skin
@@ -108,6 +111,7 @@ class Rig:
     is_of_input: bool = False
     posed: tuple[JointPoses, ...] | None = None
     roughness: float | None = None
+    jumps: Integers = field(default_factory=lambda: np.empty((0, 2), np.int64))
 
     def stream(self, turns: bool) -> tuple[Skin, Iterator[Floats]]:
         """Return the skin, and the places of its joints, (k, n, 3), in blocks of all frames.
@@ -380,18 +384,19 @@ class _RigFit:
             solver = DualLaplacianSolver(skinned, self._solve)
             return solver, JointSolver(solver) if turns else None
 
-        def pose(block: JointPoses) -> JointPoses:
-            solver, poser = prepare()
-            meshes = block.meshes if seams is None else block.meshes[:, seams.firsts]
-            if poser is not None:
-                posed = poser.solve(meshes)
-            else:
-                found = solver.solve(meshes)
-                posed = JointPoses(found.cages, found.rotations, found.reconstructions)
-            if seams is None:
-                return posed
-            # The normals of places know no hard edges.
-            return replace(posed, meshes=posed.meshes[:, seams.places], normals=None)
+        def pose(blocks: Iterator[JointPoses]) -> Iterator[JointPoses]:
+            poser = prepare()[1]
+            firsts = slice(None) if seams is None else seams.firsts
+            meshes = (block.meshes[:, firsts] for block in blocks)
+            for posed in map(translate, meshes) if poser is None else follow_frames(poser, meshes):
+                if seams is None:
+                    yield posed
+                else:  # the normals of places know no hard edges
+                    yield replace(posed, meshes=posed.meshes[:, seams.places], normals=None)
+
+        def translate(meshes: Floats) -> JointPoses:
+            found = prepare()[0].solve(meshes)
+            return JointPoses(found.cages, found.rotations, found.reconstructions)
 
         return pose
 
@@ -416,10 +421,11 @@ class _RigFit:
             largest=entry["largest"],
             angles=entry["angles"],
             is_of_input=isinstance(target, InputFrames),
-            blocks=lambda: map(pose, target.blocks(FRAMES_PER_RIG_BLOCK)),
+            blocks=lambda: pose(target.blocks(FRAMES_PER_RIG_BLOCK)),
             frame_errors=entry["frame_errors"],
             posed=posed if entry["is_posed"] else None,
             roughness=entry["roughness"],
+            jumps=entry["jumps"],
         )
 
 
@@ -446,6 +452,7 @@ def _to_entry(rig: Rig) -> Entry:
         "largest": rig.largest,
         "angles": rig.angles,
         "roughness": rig.roughness,
+        "jumps": rig.jumps,
         "is_posed": bool(posed),
     }
 
@@ -541,8 +548,9 @@ def _keep_weights(target: Reconstruction) -> Rig:
     weights = compute_skin_weights(target.binding.weights)
     skinned = _bind_skin(target.binding, weights)
 
-    def pose(block: JointPoses) -> JointPoses:
-        return replace(block, meshes=reconstruct_frames(skinned, block))
+    def pose(blocks: Iterator[JointPoses]) -> Iterator[JointPoses]:
+        for block in blocks:
+            yield replace(block, meshes=reconstruct_frames(skinned, block))
 
     return _measure_rig(target, target.binding.cage, weights, pose)
 
@@ -564,15 +572,20 @@ def _measure_rig(
     """Pose all frames, and measure how far they and their normals are from the target."""
     rest = target.binding.rest
     rotations, errors = [], []
+    jumps, done = [np.empty((0, 2), np.int64)], 0
     joints: list[JointPoses] | None = []
     squares = largest = 0.0
     dense = weights.to_dense(len(cage.vertices))
     normals = NormalAngles(rest, dense) if is_shaded else None
-    for block in target.blocks(FRAMES_PER_RIG_BLOCK):
-        posed = pose(block)
+    blocks, others = tee(target.blocks(FRAMES_PER_RIG_BLOCK))
+    for block, posed in zip(blocks, pose(others), strict=True):
         rotations.append(posed.rotations)
+        if posed.jumps is not None:
+            jumps.append(np.argwhere(posed.jumps) + np.array([done, 0]))
+        done += len(posed.rotations)
         if joints is not None:
-            joints.append(replace(posed, meshes=np.empty((0, 0, 3)), normals=None))
+            held = replace(posed, meshes=np.empty((0, 0, 3)), normals=None, jumps=None)
+            joints.append(held)
             joints = joints if _count_bytes(joints) <= MAX_HELD_BYTES else None
         distances = np.square(posed.meshes - block.meshes)[:, rest.used_vertices].sum(axis=2)
         squares += float(distances.sum())
@@ -589,9 +602,10 @@ def _measure_rig(
         largest=percent * float(np.sqrt(largest)),
         angles=None if normals is None else normals.summarize(),
         is_of_input=isinstance(target, InputFrames),
-        blocks=lambda: map(pose, target.blocks(FRAMES_PER_RIG_BLOCK)),
+        blocks=lambda: pose(target.blocks(FRAMES_PER_RIG_BLOCK)),
         frame_errors=percent * np.sqrt(np.concatenate(errors)),
         posed=None if joints is None else tuple(joints),
+        jumps=np.concatenate(jumps),
     )
 
 

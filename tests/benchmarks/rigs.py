@@ -46,6 +46,7 @@ from cageik_cli.method.solve.alignment import best_motions
 from cageik_cli.method.solve.dual_laplacian import DualLaplacianSolver
 from cageik_cli.method.solve.settings import SolveSettings
 from cageik_cli.rigs.joints import JointPoses, JointSolver, NormalAngles
+from cageik_cli.rigs.jumps import follow_frames
 from cageik_cli.rigs.skinning import group_joints, limit_influences
 from cageik_cli.util.threads import limit_blas_threads
 
@@ -187,12 +188,9 @@ def pose_joints(binding, frames, *, turns):
     """The joints of all frames."""
     solver = DualLaplacianSolver(binding, SolveSettings())
     joints = JointSolver(solver) if turns else None
-    blocks = []
-    for start in range(0, len(frames), BLOCK):
-        block = frames[start : start + BLOCK]
-        if joints is not None:
-            blocks.append(joints.solve(block))
-            continue
+    split = [frames[start : start + BLOCK] for start in range(0, len(frames), BLOCK)]
+    blocks = [] if joints is None else list(follow_frames(joints, split))
+    for block in split if joints is None else ():
         found = solver.solve(block)
         whole = np.repeat(found.rotations[:, None], len(binding.cage.vertices), axis=1)
         blocks.append(JointPoses(found.cages, found.rotations, found.reconstructions, whole))

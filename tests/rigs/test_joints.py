@@ -31,6 +31,11 @@ def prepare(binding=BALL, alpha=1e-3):
     return JointSolver(solver)
 
 
+def pose(frames, binding=BALL):
+    joints = prepare(binding)
+    return joints.pose(joints.solve(frames))
+
+
 def bend(points, angle):
     """Points turned about the vertical by an angle that grows with the height."""
     turns = Rotation.from_rotvec(np.outer(angle * points[:, 1], [0, 1, 0])).as_matrix()
@@ -67,7 +72,7 @@ def assert_proper(turns):
 
 
 def test_the_rest_pose_gives_joints_at_rest():
-    poses = prepare().solve(STILL)
+    poses = pose(STILL)
     np.testing.assert_allclose(poses.turns[0], np.tile(np.eye(3), (18, 1, 1)), atol=1e-12)
     np.testing.assert_allclose(poses.cages[0], BALL.cage.vertices, rtol=0, atol=1e-12)
     np.testing.assert_allclose(poses.meshes, STILL, rtol=0, atol=1e-12)
@@ -75,7 +80,7 @@ def test_the_rest_pose_gives_joints_at_rest():
 
 def test_a_rigid_clip_turns_all_joints_alike():
     frames = spun(np.repeat(STILL, 7, axis=0), 3)
-    poses = prepare().solve(frames)
+    poses = pose(frames)
     np.testing.assert_allclose(poses.meshes, frames, rtol=0, atol=1e-11)
     np.testing.assert_allclose(poses.turns - poses.rotations[:, None], 0, atol=1e-11)
     np.testing.assert_allclose(degrees_off(BALL, poses, frames), 0, atol=1e-4)
@@ -84,7 +89,7 @@ def test_a_rigid_clip_turns_all_joints_alike():
 def test_joints_follow_the_whole():
     """A rigid motion of the frames, in another unit, turns and moves the joints by the same."""
     frames, turn = bent(), about(2.2)
-    own, moved = prepare().solve(frames), prepare().solve(frames @ turn + [5, 0, 1])
+    own, moved = pose(frames), pose(frames @ turn + [5, 0, 1])
     np.testing.assert_allclose(moved.turns, own.turns @ turn, atol=1e-9)
     np.testing.assert_allclose(moved.cages, own.cages @ turn + [5, 0, 1], atol=1e-9)
     small = replace(
@@ -92,21 +97,21 @@ def test_joints_follow_the_whole():
         rest=BALL.rest.move(0.01 * BALL.rest.vertices),
         cage=BALL.cage.move(0.01 * BALL.cage.vertices),
     )
-    scaled = prepare(small).solve(0.01 * frames)
+    scaled = pose(0.01 * frames, small)
     np.testing.assert_allclose(scaled.turns, own.turns, atol=1e-9)
     np.testing.assert_allclose(scaled.cages, 0.01 * own.cages, atol=1e-11)
 
 
 def test_each_frame_is_solved_for_itself():
     frames = bent()
-    whole, parts = prepare().solve(frames), [prepare().solve(frame[None]) for frame in frames]
+    whole, parts = pose(frames), [pose(frame[None]) for frame in frames]
     for name in ("turns", "cages", "meshes"):
         found = np.concatenate([getattr(part, name) for part in parts])
         np.testing.assert_allclose(found, getattr(whole, name), rtol=0, atol=1e-11)
 
 
 def test_the_mesh_is_what_a_skin_makes_of_the_joints():
-    poses = prepare().solve(bent())
+    poses = pose(bent())
     arms = BALL.rest.vertices[:, None] - BALL.cage.vertices
     alone = np.einsum("mna,knab->kmnb", arms, poses.turns) + poses.cages[:, None]
     expected = np.einsum("mn,kmnb->kmb", BALL.weights, alone)
@@ -140,7 +145,8 @@ def objective(joints, changes, frames):
 def test_sweeps_lower_the_sum_of_squares_and_end_where_no_rigid_motion_does():
     joints, frames = prepare(), bent() + np.random.default_rng(1).normal(0, 0.02, bent().shape)
     columns = joints.solver.align(frames)[0]
-    right = joints.multiply(columns, joints.change_normals(columns))
+    normals = joints.change_normals(columns)
+    right = joints.multiply_moves(columns) + joints.multiply_normals(normals)
     changes = joints.start(right)
     values = [objective(joints, changes, frames)]
     for _ in range(6):
@@ -172,17 +178,17 @@ def test_joints_that_move_at_once_have_nothing_to_do_with_each_other():
 def test_sparse_weights_and_blocks_of_rows_give_the_same(monkeypatch, share):
     weights = np.where(BALL.weights > 0.05, BALL.weights, 0)
     binding = replace(BALL, weights=weights / weights.sum(axis=1, keepdims=True))
-    expected = prepare(binding).solve(bent())
+    expected = pose(bent(), binding)
     monkeypatch.setattr(module, "MAX_SPARSE_SHARE", share)
     monkeypatch.setattr(module, "MAX_ROW_ENTRIES", 5 * 18)
-    found = prepare(binding).solve(bent())
+    found = pose(bent(), binding)
     for name in ("turns", "cages", "meshes"):
         np.testing.assert_allclose(getattr(found, name), getattr(expected, name), atol=1e-10)
 
 
 def test_a_bent_body_is_shaded_far_better_than_by_joints_that_translate():
     frames, joints = bent(), prepare()
-    poses = joints.solve(frames)
+    poses = joints.pose(joints.solve(frames))
     still = replace(poses, turns=np.tile(poses.rotations[:, None], (1, 18, 1, 1)))
     turning, translating = (degrees_off(BALL, each, frames) for each in (poses, still))
     assert np.square(turning).mean() < 0.25 * np.square(translating).mean()
@@ -194,7 +200,7 @@ def test_a_bent_body_is_shaded_far_better_than_by_joints_that_translate():
 def test_a_body_that_turns_three_times_has_smooth_quaternions():
     count = 60
     frames = spun(np.stack([bend(BALL.rest.vertices, np.sin(k / 9)) for k in range(count)]), 3)
-    poses = prepare().solve(frames)
+    poses = pose(frames)
     assert_proper(poses.turns)
     skin = Skin(BALL.rest, compute_skin_weights(BALL.weights), poses.rotations, poses.turns)
     _, turns = zip(*Skeleton(BALL.cage.vertices, skin).advance(poses.cages), strict=True)
@@ -203,7 +209,7 @@ def test_a_body_that_turns_three_times_has_smooth_quaternions():
 
 
 def test_mirrored_frames_are_followed_by_proper_rotations():
-    poses = prepare().solve(bent() * [-1, 1, 1])
+    poses = pose(bent() * [-1, 1, 1])
     assert_proper(poses.turns)
     assert np.isfinite(poses.cages).all()
 
@@ -216,7 +222,7 @@ def test_a_mirrored_model_turns_in_the_mirror():
         replace(BALL.cage, vertices=BALL.cage.vertices @ mirror, faces=BALL.cage.faces[:, ::-1]),
         BALL.weights,
     )
-    own, found = prepare().solve(bent()), prepare(mirrored).solve(bent() @ mirror)
+    own, found = pose(bent()), pose(bent() @ mirror, mirrored)
     np.testing.assert_allclose(found.turns, mirror @ own.turns @ mirror, atol=1e-9)
     np.testing.assert_allclose(found.cages, own.cages @ mirror, atol=1e-9)
 
@@ -224,9 +230,8 @@ def test_a_mirrored_model_turns_in_the_mirror():
 def test_a_joint_that_nothing_follows_turns_with_its_neighbours():
     weights = BALL.weights.copy()
     weights[:, 7] = 0
-    poses = prepare(replace(BALL, weights=weights / weights.sum(axis=1, keepdims=True))).solve(
-        bent()
-    )
+    weights /= weights.sum(axis=1, keepdims=True)
+    poses = pose(bent(), replace(BALL, weights=weights))
     assert_proper(poses.turns)
     near = uniform_laplacian(BALL.cage)[7] < 0
     turned = Rotation.from_matrix(poses.turns[-1]).as_rotvec()
@@ -247,7 +252,7 @@ def test_noise_at_a_joint_that_hardly_anything_follows_turns_it_as_its_neighbour
     binding = replace(BALL, weights=weights / weights.sum(axis=1, keepdims=True))
     frames = np.repeat(STILL, 6, axis=0)
     frames += np.random.default_rng(0).normal(0, 0.01, frames.shape)
-    turns = prepare(binding).solve(frames).turns.reshape(-1, 3, 3)
+    turns = pose(frames, binding).turns.reshape(-1, 3, 3)
     angles = np.linalg.norm(Rotation.from_matrix(turns).as_rotvec(), axis=1).reshape(6, 18)
     near = uniform_laplacian(BALL.cage)[7] < 0
     assert (angles[:, 7] < 1.3 * angles[:, near].max(axis=1)).all()
@@ -259,6 +264,6 @@ def test_a_surface_in_both_windings_turns_by_its_places_alone():
     sides = np.vstack([BALL.rest.faces, BALL.rest.faces[:, ::-1]])
     double = replace(BALL, rest=TriMesh(BALL.rest.vertices, sides))
     frames = spun(np.repeat(STILL, 7, axis=0), 3)
-    poses = prepare(double).solve(frames)
+    poses = pose(frames, double)
     np.testing.assert_allclose(poses.turns - poses.rotations[:, None], 0, atol=1e-9)
     np.testing.assert_allclose(poses.meshes, frames, rtol=0, atol=1e-9)

@@ -42,7 +42,8 @@ def displacements(frames: np.ndarray = FRAMES) -> np.ndarray:
 
 
 def solve_changes(joints: JointSolver, columns: np.ndarray) -> np.ndarray:
-    right = joints.multiply(columns, joints.change_normals(columns))
+    normals = joints.change_normals(columns)
+    right = joints.multiply_moves(columns) + joints.multiply_normals(normals)
     return joints.sweep(right, joints.start(right), SWEEPS)
 
 
@@ -165,7 +166,8 @@ def fit(columns: np.ndarray, jobs: int = 1, weights: np.ndarray | None = None) -
 def measure(weights: np.ndarray, frames: np.ndarray) -> float:
     """The rms distance of a skin from frames, in diagonals."""
     form = Influences.from_dense(weights, int((weights > 0).sum(axis=1).max()))
-    error = prepare(form).solve(frames).meshes - frames
+    joints = prepare(form)
+    error = joints.pose(joints.solve(frames)).meshes - frames
     return float(np.sqrt(np.square(error).sum(axis=2).mean())) / BALL.rest.diagonal
 
 
