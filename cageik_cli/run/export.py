@@ -6,7 +6,7 @@ from functools import partial
 
 import numpy as np
 
-from cageik_cli.formats.base.skeleton import Skin
+from cageik_cli.formats.base.skeleton import Skeleton, Skin
 from cageik_cli.formats.base.writers import Animation, NamedClip, name_root, nest_names
 from cageik_cli.formats.gltf.skeleton import MAX_INFLUENCES
 from cageik_cli.formats.gltf.skeleton import SkeletonWriter as GltfSkeletonWriter
@@ -34,11 +34,12 @@ from cageik_cli.formats.write import (
 from cageik_cli.geometry.parts import join_meshes, split_parts
 from cageik_cli.inputs.caged_model import CagedModel, report_skipped_frames
 from cageik_cli.inputs.reconstruction import Reconstruction
+from cageik_cli.rigs.jumps import MIN_TURN
 from cageik_cli.run.clips import find_inputs, join_clips, measure_rms, name_clips, read_clips
 from cageik_cli.run.rig import Rig, check_rig, keeps_weights, make_rig, measure_input_rms
 from cageik_cli.run.settings import ExportSettings
 from cageik_cli.store.result import StoredAnimation, read_animation, read_cages
-from cageik_cli.util.arrays import Floats, count_frames
+from cageik_cli.util.arrays import Floats, Integers, count_frames
 from cageik_cli.util.errors import SettingError, join_truncated
 from cageik_cli.util.messages import Hint, join_texts, say
 from cageik_cli.util.outputs import check_no_overlap
@@ -169,7 +170,14 @@ def _write_skeleton(
     count = sum(len(each.frames) for each in results)
     animation = replace(animation, rest=rig.cage, frame_count=count, clips=named)
     skin, places = rig.stream(turns=settings.joints != "translate")
-    skin = SceneConversion.of_output(animation.scene, settings.to).convert_skin(skin)
+    conversion = SceneConversion.of_output(animation.scene, settings.to)
+    skin = conversion.convert_skin(skin)
+    if len(rig.jumps):
+        converted = conversion.convert_animation(animation)
+        joints = Skeleton(converted.rest.vertices, skin, up_axis=converted.scene.up_axis)
+        frames = [name for each in results for name in each.frames]
+        text = _describe_jumps(rig.jumps, joints.names[joints.lead :], frames)
+        progress.note("note", f"{settings.output.path.name}: {text}")
     is_extracted = settings.root_motion == "extract"
     moved = f"joints that move {group_digits(len(result.rest.vertices))} vertices"
     if layers:
@@ -287,6 +295,21 @@ def _describe_clips(
         progress.note("clip", f"{name}: {frames}; {text}")
         start = stop
     return tuple(clips)
+
+
+def _describe_jumps(jumps: Integers, names: Sequence[str], frames: Sequence[str]) -> str:
+    """Return a sentence on the joints that jump in some frames, (k, 2); `names` are of all."""
+    joints = np.unique(jumps[:, 1])
+    found = (
+        f"{names[joint]} ({join_truncated(frames[f] for f in jumps[jumps[:, 1] == joint, 0])})"
+        for joint in joints
+    )
+    many = len(joints) > 1
+    return (
+        f"{format_count(len(joints), 'joint')} turn{'' if many else 's'} by more than "
+        f"{MIN_TURN:g} degrees in one frame where the surface does not: {join_truncated(found)}; "
+        "programs that show frames between these may turn the surface there"
+    )
 
 
 def _write_with_model(

@@ -431,6 +431,7 @@ RIGS = EntryFormat(
         "frame_errors": "<f8",
         "places": "<f8",
         "turns": "<f8",
+        "jumps": "<i8",
     },
     {
         "rms": float,
