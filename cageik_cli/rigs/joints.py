@@ -111,10 +111,15 @@ class JointFrames:
         Rotations nearest to how the surface around each joint is turned, as `turns`.
     normals : (k, m, 3) float64
         Of the aligned frames.
+    still, misfit : (k,) float64
+        The sum that is minimised, with the joints at rest, and where each frame is solved for
+        itself.
     """
 
     right: Floats
     changes: Floats
+    still: Floats
+    misfit: Floats
     centres: Floats
     rotations: Floats
     surface: Floats
@@ -157,6 +162,7 @@ class JointSolver:
         self.normals = np.column_stack([self._rest_normals, np.zeros(m)])
         unit = solver.data_scale * NORMAL_LENGTH**2 * m / n
         matrix = self._make_matrix(solver.binding.cage, ROTATION_SMOOTHNESS * unit)
+        self._matrix = matrix
         self._groups = [JointGroup(matrix, joints) for joints in find_separate_joints(matrix)]
         self._pull = np.tile(ROTATION_PULL * unit * np.array([1.0, 1, 1, 0]), n)[:, None]
         factor = np.linalg.cholesky(matrix + np.diag(self._pull[:, 0]))
@@ -167,10 +173,27 @@ class JointSolver:
         """Solve the joints of frames (k, m, 3), each for itself."""
         columns, centres, rotations = self.solver.align(frames)
         normals, moved = self._compute_normals(columns), self.multiply_moves(columns)
-        right = moved + self.multiply_normals(self._scale_normals(normals))
+        turned = self._scale_normals(normals)
+        right = moved + self.multiply_normals(turned)
         changes = self.sweep(right, self.start(right), SWEEPS)
-        surface = self._turn_surface(moved).transpose(2, 0, 1, 3) @ rotations[:, None]
-        return JointFrames(right, changes, centres, rotations, surface, normals)
+        shares = self.solver.data_scale * self.solver.vertex_weights
+        still = shares @ (np.square(columns / self._diagonal) + np.square(turned))
+        still = still.reshape(-1, 3).sum(axis=1)
+        return JointFrames(
+            right=right,
+            changes=changes,
+            still=still,
+            misfit=still + self.measure_gain(right, changes),
+            centres=centres,
+            rotations=rotations,
+            surface=self._turn_surface(moved).transpose(2, 0, 1, 3) @ rotations[:, None],
+            normals=normals,
+        )
+
+    def measure_gain(self, right: Floats, changes: Floats) -> Floats:
+        """Return by how much changes from rest, (4n, 3k), alter the sum of each frame, (k,)."""
+        gain = changes * (self._matrix @ changes - 2 * right)
+        return np.asarray(gain.sum(axis=0).reshape(-1, 3).sum(axis=1))
 
     def pose(self, solved: JointFrames) -> JointPoses:
         """Return where solved joints are, and the mesh that follows them."""

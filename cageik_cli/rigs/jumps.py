@@ -11,7 +11,8 @@ In steps that jump, and in those near to them, the sum that the joints minimise 
 
 with I_j = E − e eᵀ/μ of `joints`, so that λ is relative. All joints of these frames move again, in
 even and in odd frames by turns, so that each frame has the rotations before and after it. λ grows
-where a joint still jumps. Other frames, and clips without jumps, stay as they are.
+where a joint still jumps, while the sum without this term stays within `MAX_LOSS` of what frames
+solved for themselves have. Other frames, and clips without jumps, stay as they are.
 
 The whole clip is streamed: two blocks are smoothed together, then the first of them is done.
 """
@@ -33,6 +34,9 @@ FIRST_PULL, PULL_GROWTH = 0.05, 2.0
 
 STEPS_AROUND = 3
 """So many steps before and after a jump are smoothed with it."""
+
+MAX_LOSS = 0.01
+"""The sum that is minimised may grow by this share; where it would by more, a jump is left."""
 
 MAX_ROUNDS = 10
 """λ grows so many times at most; on three clips, four rounds left no jump."""
@@ -84,8 +88,17 @@ def smooth_jumps(
         for frame, joint in np.argwhere(is_jump):
             near[max(frame - STEPS_AROUND, 1) : frame + STEPS_AROUND + 1, joint] = True
         pulls[:-1][near] = np.maximum(FIRST_PULL, PULL_GROWTH * pulls[:-1][near])
-        blocks = _move_joints(joints, right, blocks, pulls, first)
+        moved = _move_joints(joints, right, blocks, pulls, first)
+        if _measure_loss(joints, moved[first:]) > MAX_LOSS:
+            break
+        blocks = moved
     return blocks[first:]
+
+
+def _measure_loss(joints: JointSolver, blocks: list[JointFrames]) -> float:
+    """Return by which share blocks fit worse than where each frame is solved for itself."""
+    found = sum((b.still + joints.measure_gain(b.right, b.changes)).sum() for b in blocks)
+    return float(found / max(sum(b.misfit.sum() for b in blocks), np.finfo(float).tiny)) - 1
 
 
 def _move_joints(
@@ -122,6 +135,8 @@ def _take_last(block: JointFrames) -> JointFrames:
     return JointFrames(
         right=block.right[:, -3:],
         changes=block.changes[:, -3:],
+        still=block.still[-1:],
+        misfit=block.misfit[-1:],
         centres=block.centres[-1:],
         rotations=block.rotations[-1:],
         surface=block.surface[-1:],

@@ -164,6 +164,15 @@ def test_sweeps_lower_the_sum_of_squares_and_end_where_no_rigid_motion_does():
         assert (objective(joints, moved.reshape(72, 15), frames) > least).all()
 
 
+def test_the_sum_that_is_left_is_that_of_the_formula():
+    joints, frames = prepare(), bent()
+    solved = joints.solve(frames)
+    expected = objective(joints, solved.changes, frames)
+    np.testing.assert_allclose(solved.misfit, expected, rtol=1e-6)
+    expected = objective(joints, np.zeros_like(solved.changes), frames)
+    np.testing.assert_allclose(solved.still, expected, rtol=1e-9)
+
+
 def test_joints_that_move_at_once_have_nothing_to_do_with_each_other():
     matrix = np.zeros((6, 4, 6, 4))
     for a, b in ((0, 1), (1, 2), (2, 3), (3, 4), (4, 5), (5, 0)):
