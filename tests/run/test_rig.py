@@ -1,6 +1,7 @@
 """Results as skeletons, skinned by USD itself: they give what the cages of the results give."""
 
 import gc
+import re
 import weakref
 from dataclasses import replace
 from pathlib import Path
@@ -545,3 +546,60 @@ def test_seconds_of_the_fit_and_of_the_poses_are_told_apart(run, folder):
     outcome = run(*words, "b.glb", "-v")
     (line,) = (line for line in outcome.err.splitlines() if line.split()[:1] == ["seconds"])
     assert all(f"{name} 0." in line for name in ("fit", "pose", "export"))
+
+
+@pytest.fixture
+def crushed_clip(folder, animation, write_obj):
+    """A clip pressed to a thread, which noise turns and mirrors: joints jump."""
+    noise = np.random.default_rng(0).normal(0, 0.03, (5, *animation.rest.vertices.shape))
+    frames = animation.rest.vertices * [0.1, 0.1, 1] + noise
+    write_obj(Path("rest.obj"), animation.rest.vertices, animation.rest.faces)
+    for k, vertices in enumerate(frames, start=1):
+        write_obj(Path(f"frames/frame_{k}.obj"), vertices, animation.rest.faces)
+
+
+def joint_steps(path):
+    """Degrees by which joints turn from frame to frame, by USD, (F - 1, n), and their names."""
+    stage = Usd.Stage.Open(str(path))
+    skeleton = next(prim for prim in stage.Traverse() if prim.IsA(UsdSkel.Skeleton))
+    query = UsdSkel.Cache().GetSkelQuery(UsdSkel.Skeleton(skeleton))
+    times = np.arange(stage.GetStartTimeCode(), stage.GetEndTimeCode() + 1)
+    matrices = np.array([np.array(query.ComputeJointSkelTransforms(time)) for time in times])
+    turns = matrices[:, :, :3, :3]
+    traces = np.einsum("fnab,fnab->fn", turns[1:], turns[:-1])
+    names = [name.rpartition("/")[2] for name in query.GetJointOrder()]
+    return np.degrees(np.arccos(((traces - 1) / 2).clip(-1, 1))), names
+
+
+def export_crushed(run, path):
+    """The joints that a note says jump, and the frames of each that it names."""
+    assert run(*EXTRACT, "--rest", "rest.obj").code == 0
+    words = ("export", "cages.h5", path, "--skeleton", "--influences", 8, "--cache", "kept")
+    outcome = run(*words, "--overwrite")
+    assert outcome.code == 0
+    message = " ".join(outcome.err.split())
+    found = re.findall(r" (\d+) joints? turns? by more than 60 degrees.* not: (.*?); p", message)
+    return [(int(count), re.findall(r"(\w+) \((.*?)\)", text)) for count, text in found]
+
+
+def test_joints_of_a_crushed_clip_do_not_jump(run, crushed_clip):
+    assert export_crushed(run, "c.usdc") == []
+
+
+@pytest.mark.parametrize("held", [1 << 27, 0])
+def test_joints_that_jump_are_named_with_their_frames(run, crushed_clip, monkeypatch, held):
+    """Also out of the cache; they turn so far in the file."""
+    monkeypatch.setattr("cageik_cli.rigs.jumps.MAX_ROUNDS", 0)
+    monkeypatch.setattr(rigs, "MAX_HELD_BYTES", held)
+    monkeypatch.setattr(rigs, "FRAMES_PER_RIG_BLOCK", 2)
+    for path in ("first.usdc", "second.usdc"):
+        ((count, joints),) = export_crushed(run, path)
+        steps, names = joint_steps(path)
+        assert 0 < count <= (steps > 60).any(axis=0).sum()
+        assert len(joints) == min(count, 3)
+        for joint, frames in joints:
+            jumps = re.findall(r"frame_(\d)\.obj", frames)
+            assert jumps
+            for number in map(int, jumps):
+                assert steps[number - 2, names.index(joint)] > 60  # the first frame has number 1
+        monkeypatch.setattr(rigs, "limit_influences", lambda *_, **__: pytest.fail("fitted again"))
