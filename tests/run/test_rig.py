@@ -573,8 +573,8 @@ def joint_steps(path):
 
 def export_crushed(run, path):
     """The joints that a note says jump, and the frames of each that it names."""
-    assert run(*EXTRACT, "--rest", "rest.obj").code == 0
-    words = ("export", "cages.h5", path, "--skeleton", "--influences", 8, "--cache", "kept")
+    assert run(*EXTRACT, "--rest", "rest.obj", "--overwrite").code == 0
+    words = ("export", "cages.h5", path, "--skeleton", "--influences", 8, "--cache", "kept", "-v")
     outcome = run(*words, "--overwrite")
     assert outcome.code == 0
     message = " ".join(outcome.err.split())
