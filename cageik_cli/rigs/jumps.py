@@ -38,10 +38,10 @@ STEPS_AROUND = 3
 MAX_LOSS = 0.01
 """The sum that is minimised may grow by this share; where it would by more, a jump is left."""
 
-MAX_ROUNDS = 10
-"""λ grows so many times at most; on three clips, four rounds left no jump."""
+MAX_SMOOTHINGS = 10
+"""λ grows so many times at most; four rounds smooth all 39 jumps of a chicken that is run over."""
 
-SWEEPS_PER_ROUND = 8
+SMOOTHING_SWEEPS = 8
 """In a round, all joints of the frames that are smoothed move in turn so many times."""
 
 
@@ -80,7 +80,7 @@ def smooth_jumps(
     first, n = int(done is not None), len(blocks[0].changes) // 4
     right = np.concatenate([block.right.reshape(4 * n, -1, 3) for block in blocks], axis=1)
     pulls = np.zeros((right.shape[1] + 1, n))  # of the steps before and after each frame
-    for _ in range(MAX_ROUNDS):
+    for _ in range(MAX_SMOOTHINGS):
         is_jump = find_jumps(blocks)
         if not is_jump.any():
             break
@@ -113,7 +113,7 @@ def _move_joints(
     matrices = changes.reshape(n, 4, count, 3)[:, :3]
     moving = np.flatnonzero((pulls[:-1] + pulls[1:]).any(axis=1))
     moving = moving[moving >= first]
-    for _ in range(SWEEPS_PER_ROUND):
+    for _ in range(SMOOTHING_SWEEPS):
         for chosen in (moving[moving % 2 == 0], moving[moving % 2 == 1]):
             drawn = np.zeros((n, 3, len(chosen), 3))
             for steps, beside in ((chosen, chosen - 1), (chosen + 1, (chosen + 1) % count)):

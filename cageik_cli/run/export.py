@@ -177,7 +177,7 @@ def _write_skeleton(
         joints = Skeleton(converted.rest.vertices, skin, up_axis=converted.scene.up_axis)
         frames = [name for each in results for name in each.frames]
         text = _describe_jumps(rig.jumps, joints.names[joints.lead :], frames)
-        progress.note("note", f"{settings.output.path.name}: {text}")
+        progress.note("warning", f"{settings.output.path.name}: {text}")
     is_extracted = settings.root_motion == "extract"
     moved = f"joints that move {group_digits(len(result.rest.vertices))} vertices"
     if layers:

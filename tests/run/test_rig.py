@@ -589,7 +589,7 @@ def test_joints_of_a_crushed_clip_do_not_jump(run, crushed_clip):
 @pytest.mark.parametrize("held", [1 << 27, 0])
 def test_joints_that_jump_are_named_with_their_frames(run, crushed_clip, monkeypatch, held):
     """Also out of the cache; they turn so far in the file."""
-    monkeypatch.setattr("cageik_cli.rigs.jumps.MAX_ROUNDS", 0)
+    monkeypatch.setattr("cageik_cli.rigs.jumps.MAX_SMOOTHINGS", 0)
     monkeypatch.setattr(rigs, "MAX_HELD_BYTES", held)
     monkeypatch.setattr(rigs, "FRAMES_PER_RIG_BLOCK", 2)
     for path in ("first.usdc", "second.usdc"):
