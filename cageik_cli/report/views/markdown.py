@@ -10,6 +10,7 @@ from cageik_cli.report.overview import ClipEntry, Overview, describe_poor
 from cageik_cli.report.regions import describe_region
 from cageik_cli.report.views.text import format_check_row
 from cageik_cli.report.vocabulary import QUALITY_WORDS, Vocabulary
+from cageik_cli.util.errors import join_truncated
 from cageik_cli.util.text import format_count, group_digits, single_line
 
 MAX_TEXT_LENGTH = 300
@@ -107,11 +108,14 @@ def _name_clip_verdict(entry: ClipEntry) -> str:
 
 
 def _list_notes(overview: Overview) -> list[str]:
-    """List the notes on the run, then those on clips: each once, with how many clips have it."""
-    counts = Counter(str(note) for entry in overview.worst_first for note in entry.notes)
+    """List the notes on the run, then those on clips: each once, behind the clips that have it."""
+    clips: dict[str, list[str]] = {}
+    for entry in overview.worst_first:
+        for note in dict.fromkeys(map(str, entry.notes)):
+            clips.setdefault(note, []).append(entry.label)
     return [f"- {_escape_markdown(note)}" for note in overview.notes] + [
-        f"- {_escape_markdown(note)}" + (f" ({count} clips)" if count > 1 else "")
-        for note, count in counts.most_common()
+        f"- {_escape_markdown(join_truncated(labels))}: {_escape_markdown(note)}"
+        for note, labels in sorted(clips.items(), key=lambda one: -len(one[1]))
     ]
 
 

@@ -61,8 +61,18 @@ def test_the_worst_clips_come_first_with_their_reasons():
     assert list_items(text) == [
         "broken: frame_3.obj: is empty",
         "over: rms 0.7500 %, limit 0.5 %, worst frame f_7.obj",
-        "one (2 clips)",
-        "two",
+        "over, worse: one",
+        "over: two",
+    ]
+
+
+def test_a_note_names_the_first_clips_that_have_it_and_counts_the_others():
+    clips = [clip(f"clip_{k}", notes=["gap", "gap"], rms_percent=9 - k) for k in range(5)]
+    text = format_markdown(Overview([*clips, clip("other", notes=["once"])], ["on the run"]))
+    assert list_items(text) == [
+        "on the run",
+        "clip_0, clip_1, clip_2 and 2 more: gap",
+        "other: once",
     ]
 
 
