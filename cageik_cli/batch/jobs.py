@@ -1,5 +1,6 @@
 """The jobs of a batch, one per clip: what each does, in whatever process, and its outcome."""
 
+import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from enum import Enum
@@ -77,12 +78,15 @@ class Outcome:
         Of what the result was that this one replaces, such as "other settings"; "" of a new one.
     has_bad_frame : bool
         Whether it failed on a frame, which the run could have left out.
+    seconds : float
+        That the job took, where it had work.
     """
 
     entry: ClipEntry
     state: ClipState
     replaced: str = ""
     has_bad_frame: bool = False
+    seconds: float = field(default=0.0, compare=False)
 
 
 class Scheduler(Protocol):
@@ -100,6 +104,12 @@ def run_clip(
     job: ClipJob, stored: StoredBinding | None = None, run_blocks: RunBlocks = run_in_threads
 ) -> Outcome:
     """Do a job; the outcome holds what failed, and this function raises no error."""
+    start = time.perf_counter()
+    outcome = _extract_clip(job, stored, run_blocks)
+    return replace(outcome, seconds=time.perf_counter() - start)
+
+
+def _extract_clip(job: ClipJob, stored: StoredBinding | None, run_blocks: RunBlocks) -> Outcome:
     extraction = Extraction(job.settings, stored=stored, run_blocks=run_blocks)
     try:
         make_folder(job.settings.output.parent)

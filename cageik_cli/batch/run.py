@@ -91,6 +91,8 @@ def run_batch(
     scheduler: Scheduler,
     progress: ProgressListener,
     spelling: Spelling = spell_keyword,
+    *,
+    is_timed: bool = False,
 ) -> Overview:
     """Run all jobs, and write the report over all clips; it lists failures, which raise no error.
 
@@ -100,6 +102,8 @@ def run_batch(
     ----------
     spelling : callable
         Writes the settings that messages of failures and notes name.
+    is_timed : bool
+        Whether JUnit shows how long each clip took; else the same clips give the same bytes.
 
     Raises
     ------
@@ -127,7 +131,8 @@ def run_batch(
                     progress.note(label, _describe_outcome(Outcome(entry, ClipState.FAILED)))
                 jobs = [replace(job, spelling=spelling) for job in batch.jobs]
                 for outcome in active_scheduler.run_jobs(jobs):
-                    entries[outcome.entry.name] = outcome.entry
+                    seconds = outcome.seconds if is_timed else 0.0
+                    entries[outcome.entry.name] = replace(outcome.entry, seconds=seconds)
                     done.append(outcome)
                     label = f"{labels[outcome.entry.name]:<{width}}"
                     progress.note(label, _describe_outcome(outcome))

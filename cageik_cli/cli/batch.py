@@ -18,7 +18,7 @@ from cageik_cli.cli.command import GroupedCommand, GroupedOption, option, spell_
 from cageik_cli.cli.config import CONFIG_NAME, ClipTables, is_auxiliary_path, list_commands
 from cageik_cli.cli.extract import EXTRACT_OPTIONS, extract_command
 from cageik_cli.cli.group import spell_message, spell_option
-from cageik_cli.cli.options import common_options, count_processors
+from cageik_cli.cli.options import common_options, count_processors, timings_option
 from cageik_cli.cli.options.group import Decorator, OptionGroup, is_on_command_line, list_options
 from cageik_cli.cli.options.limits import LIMIT_OPTIONS
 from cageik_cli.cli.output import (
@@ -175,6 +175,7 @@ SHARED_OPTIONS = OptionGroup(
     group=HelpGroup.RUNNING,
     help="Number of processes; each extracts one clip at a time.",
 )
+@timings_option
 @common_options
 @SHARED_OPTIONS
 def batch_command(
@@ -183,6 +184,7 @@ def batch_command(
     scheduler: str | None,
     dry_run: bool,
     jobs: int,
+    timings: Path | None,
     quiet: bool,
 ) -> None:
     """Extract every clip under some folders.
@@ -196,18 +198,23 @@ def batch_command(
     cageik batch animations --cage rest_cage.obj -o out
     cageik batch walks runs -o out --resume --max-rms 0.5%
     """  # noqa: D301
-    from cageik_cli.batch.run import describe_batch, run_batch
+    from cageik_cli.batch.jobs import CLIPS_FOLDER
+    from cageik_cli.batch.run import REPORT_FILES, describe_batch, run_batch
     from cageik_cli.report.views.markdown import format_markdown
+    from cageik_cli.util.outputs import check_no_overlap
 
     batch = plan_batch(options, shared)
+    written = [options.output / name for name in (CLIPS_FOLDER, *REPORT_FILES)]
+    inputs = [path for job in batch.jobs for path in job.settings.inputs()]
+    check_no_overlap([*written, timings], inputs)
     for note in batch.notes if not quiet else ():
         click.echo(f"note: {note}", err=True)
     if dry_run:
         _show_dry_run(describe_batch(batch))
         return
     chosen = _choose_scheduler(scheduler, jobs, quiet)
-    with show_progress(not quiet, None, False, LineLogger) as progress:
-        overview = run_batch(batch, chosen, progress, spell_option)
+    with show_progress(not quiet, timings, options.overwrite, LineLogger) as progress:
+        overview = run_batch(batch, chosen, progress, spell_option, is_timed=timings is not None)
     append_step_summary(format_markdown(overview))
     _show_overview(overview, quiet)
     if not quiet:

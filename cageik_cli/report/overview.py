@@ -55,6 +55,8 @@ class ClipEntry:
         The worst frame, as a PNG file; None without stored weights.
     label : str
         What lists call the clip: its name without what all names share. The overview sets it.
+    seconds : float
+        That its extraction took; 0 unless the batch is timed.
     """
 
     name: str
@@ -65,6 +67,7 @@ class ClipEntry:
     curve: Curve | None = None
     picture: bytes | None = None
     label: str = field(default="", compare=False)
+    seconds: float = field(default=0.0, compare=False)
 
     @property
     def has_failed(self) -> bool:

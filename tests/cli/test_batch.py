@@ -217,6 +217,21 @@ def test_going_on_does_what_is_new_changed_or_failed(run, anim, here, animation,
         assert Path("new", name).read_bytes() == data
 
 
+def test_timings_of_a_batch_are_in_its_junit(run, anim, here):
+    assert run(*BATCH, "--timings", "seconds.json").code == 0
+    seconds = json.loads(Path("seconds.json").read_text())
+    assert seconds.keys() == {"batch", "write", "total"}
+    suites = ElementTree.parse("out/junit.xml").getroot()
+    times = [float(suite.get("time")) for suite in suites]
+    assert len(times) == 3
+    assert min(times) > 0
+    assert sum(times) <= seconds["batch"]
+    assert run(*BATCH, "--resume", "--timings", "seconds.json").code == 1
+    assert run(*BATCH, "--resume").code == 0
+    suites = ElementTree.parse("out/junit.xml").getroot()
+    assert {element.get("time") for element in suites.iter() if "time" in element.attrib} == {"0"}
+
+
 def test_frames_that_can_be_left_out_are_said_once(run, anim, here):
     for name in ("walk/f_3.obj", "runs/fast/f_2.obj"):
         Path("anim", name).write_text("v 0 0 0\nv")

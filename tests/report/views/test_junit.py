@@ -1,6 +1,7 @@
 """JUnit XML: it follows Ant's schema for every clip and every name."""
 
 import re
+from dataclasses import replace
 from xml.etree import ElementTree
 
 import pytest
@@ -104,6 +105,16 @@ def test_the_schema_check_finds_faults(old, new, fault):
     text = format_junit(Overview(CLIPS))
     assert old in text
     assert fault in find_faults(text.replace(old, new))
+
+
+def test_times_are_those_of_a_timed_run():
+    timed = (
+        ClipEntry("broken", fault="no", seconds=0.0421),
+        replace(clip("a", gate(True)), seconds=61.5),
+    )
+    root = ElementTree.fromstring(format_junit(Overview(timed)))
+    assert [suite.get("time") for suite in root] == ["0.042", "61.500"]
+    assert [case.get("time") for case in root.iter("testcase")] == ["0.042", "61.500", "0"]
 
 
 def test_every_clip_is_a_suite_and_every_limit_a_case():
