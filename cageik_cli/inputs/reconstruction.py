@@ -49,6 +49,8 @@ class CageFrames:
         Yields all cages in order, in blocks (k, n, 3) of at most the given number of frames.
     rotations : (F, 3, 3) float64, optional
         Of the rest pose to each frame, for a binding that has offsets.
+    clip_counts : tuple of int, optional
+        Frames of each clip, of several that follow each other.
     """
 
     count: int
@@ -56,6 +58,7 @@ class CageFrames:
     read: Callable[[int], Floats]
     blocks: Callable[[int], Iterator[Floats]]
     rotations: Floats | None = None
+    clip_counts: tuple[int, ...] | None = None
 
     def poses(self, size: int) -> Iterator[Poses]:
         """Yield all poses in order, in blocks of at most `size` frames."""
@@ -101,6 +104,7 @@ class CageFrames:
             read=read,
             blocks=lambda size: chain.from_iterable(clip.blocks(size) for clip in clips),
             rotations=np.concatenate(turned) if turned else None,
+            clip_counts=tuple(clip.count for clip in clips),
         )
 
     def convert(self, conversion: SceneConversion) -> "CageFrames":

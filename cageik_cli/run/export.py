@@ -39,7 +39,7 @@ from cageik_cli.run.clips import find_inputs, join_clips, measure_rms, name_clip
 from cageik_cli.run.rig import Rig, check_rig, keeps_weights, make_rig, measure_input_rms
 from cageik_cli.run.settings import ExportSettings
 from cageik_cli.store.result import StoredAnimation, read_animation, read_cages
-from cageik_cli.util.arrays import Floats, Integers, count_frames
+from cageik_cli.util.arrays import Floats, Integers, count_frames, cut_blocks
 from cageik_cli.util.errors import SettingError, join_truncated
 from cageik_cli.util.messages import Hint, join_texts, say
 from cageik_cli.util.outputs import check_no_overlap
@@ -258,24 +258,6 @@ def _write_layers(
         + join_truncated(layer.path.name for layer in layers),
     )
     return replace(whole, byte_count=byte_count, frame_count=sum(counts))
-
-
-def cut_blocks(blocks: Iterator[Floats], counts: Sequence[int]) -> Iterator[Iterator[Floats]]:
-    """Yield an iterator over each of some numbers of frames, in order; all of one are taken first.
-
-    Blocks are (k, n, 3), of any number of frames.
-    """
-    left = np.empty((0, 0, 3))
-
-    def take(count: int) -> Iterator[Floats]:
-        nonlocal left
-        while count:
-            block = left if len(left) else next(blocks)
-            own, left = block[:count], block[count:]
-            count -= len(own)
-            yield own
-
-    yield from map(take, counts)
 
 
 def _describe_clips(

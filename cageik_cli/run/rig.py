@@ -35,7 +35,7 @@ from cageik_cli.rigs.merging import MIN_JOINTS, MIN_JOINTS_PER_LIMB
 from cageik_cli.rigs.skinning import compare_roughness, group_joints, limit_influences
 from cageik_cli.store.cache import Entry, EntryCache, compute_rig_key, find_rig
 from cageik_cli.store.result import Result, StoredAnimation
-from cageik_cli.util.arrays import Floats, Integers, spread_evenly
+from cageik_cli.util.arrays import Floats, Integers, cut_blocks, spread_evenly
 from cageik_cli.util.errors import FileAccessError, FormatError, SettingError, error_context
 from cageik_cli.util.messages import Hint
 from cageik_cli.util.progress import ProgressListener
@@ -316,6 +316,7 @@ class _RigFit:
             "solve": asdict(self._solve),
             "memory": self._memory,
             "input": isinstance(target, InputFrames),
+            "clips": target.cages.clip_counts,
         }
         frames = target.hash_frames()
 
@@ -388,11 +389,16 @@ class _RigFit:
             poser = prepare()[1]
             firsts = slice(None) if seams is None else seams.firsts
             meshes = (block.meshes[:, firsts] for block in blocks)
-            for posed in map(translate, meshes) if poser is None else follow_frames(poser, meshes):
+            for posed in map(translate, meshes) if poser is None else follow(poser, meshes):
                 if seams is None:
                     yield posed
                 else:  # the normals of places know no hard edges
                     yield replace(posed, meshes=posed.meshes[:, seams.places], normals=None)
+
+        def follow(poser: JointSolver, meshes: Iterator[Floats]) -> Iterator[JointPoses]:
+            counts = self._target.cages.clip_counts or (self._target.cages.count,)
+            for clip in cut_blocks(meshes, counts):  # none is smooth with the one before
+                yield from follow_frames(poser, clip)
 
         def translate(meshes: Floats) -> JointPoses:
             found = prepare()[0].solve(meshes)

@@ -3,7 +3,7 @@
 import math
 import os
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from typing import TypeVar
 
 import numpy as np
@@ -29,6 +29,24 @@ def count_frames(memory: int, vertex_count: int, arrays: int = 1, itemsize: int 
 def spread_evenly(count: int, most: int) -> Integers:
     """Return at most `most` numbers below `count`, ascending; the first and the last are there."""
     return np.rint(np.linspace(0, count - 1, min(count, most))).astype(np.int64)
+
+
+def cut_blocks(blocks: Iterator[Floats], counts: Sequence[int]) -> Iterator[Iterator[Floats]]:
+    """Yield an iterator over each of some numbers of frames, in order; all of one are taken first.
+
+    Blocks are (k, n, 3), of any number of frames.
+    """
+    left = np.empty((0, 0, 3))
+
+    def take(count: int) -> Iterator[Floats]:
+        nonlocal left
+        while count:
+            block = left if len(left) else next(blocks)
+            own, left = block[:count], block[count:]
+            count -= len(own)
+            yield own
+
+    yield from map(take, counts)
 
 
 def fill_gaps(block: Floats, start: int, known: Integers, read: Callable[[int], Floats]) -> None:

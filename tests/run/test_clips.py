@@ -10,8 +10,9 @@ from scipy.spatial.transform import Rotation
 
 from cageik_cli.formats.open import open_sequence
 from cageik_cli.formats.usd.library import capture_diagnostics
-from cageik_cli.run.export import cut_blocks
+from cageik_cli.run import rig
 from cageik_cli.store.result import read_result
+from cageik_cli.util.arrays import cut_blocks
 from tests.clips import frames_of
 from tests.formats.clips import faults_of
 from tests.formats.gltf.evaluated import Evaluated
@@ -256,6 +257,19 @@ def test_names_are_those_of_clips_in_a_file_or_of_results(run, results):
     said(run("export", "a.h5", "b.h5", "c.h5", "again.glb", *SKELETON))
     animations = Evaluated(Path("again.glb")).json["animations"]
     assert [each["name"] for each in animations] == ["walk", "run", "run_2"]
+
+
+def test_joints_are_smooth_within_each_clip_only(run, results, monkeypatch):
+    follow, counts = rig.follow_frames, []
+
+    def count(joints, blocks):
+        posed = list(follow(joints, blocks))
+        counts.append(sum(len(block.rotations) for block in posed))
+        return iter(posed)
+
+    monkeypatch.setattr(rig, "follow_frames", count)
+    said(run(*EXPORT, "hero.glb", *SKELETON))
+    assert counts[:3] == [5, 3, 4]
 
 
 def test_blocks_are_cut_where_clips_end():
