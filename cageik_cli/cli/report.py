@@ -29,24 +29,8 @@ if TYPE_CHECKING:
     from cageik_cli.store.result import StoredAnimation
 
 
-def _print_schema(ctx: click.Context, _: click.Parameter, value: bool) -> None:
-    if value:
-        from cageik_cli.report.views.schema import format_schema
-
-        click.echo(format_schema(), nl=False)
-        ctx.exit()
-
-
 @click.command("report", cls=GroupedCommand)
 @OptionGroup("settings", ReportSettings, *list_options(ReportSettings, overwrite=overwrite_option))
-@click.option(
-    "--schema",
-    is_flag=True,
-    is_eager=True,
-    expose_value=False,
-    callback=_print_schema,
-    help="Print the JSON schema of reports, batches and results, and exit.",
-)
 @click.option("--all", "has_all", is_flag=True, help="Print all figures, notes and regions.")
 @LIMIT_OPTIONS
 @common_options

@@ -85,13 +85,6 @@ def list_fields(kind: type) -> dict[str, StoredField]:
     return {one.name: one.metadata["stored"] for one in fields(kind) if "stored" in one.metadata}
 
 
-def list_json_fields(kind: type) -> list[str]:
-    """Return the fields of a record that are written as attributes of JSON."""
-    writers = (write_json, write_list, write_skipped)
-    found = list_fields(kind)
-    return [name for name, one in found.items() if one.write in writers and one.columns is None]
-
-
 def list_field_rows(record: Any) -> list[Row]:
     """Return the lines on a result or an edit, field by field."""
     shown = [one.show for one in list_fields(type(record)).values() if one.show is not None]

@@ -18,24 +18,6 @@ from cageik_cli.report.vocabulary import Vocabulary
 from cageik_cli.util.text import single_line
 from cageik_cli.util.version import __version__
 
-CLIP_FIELDS = ("name", "fault", "result", "page", "curve")
-"""Fields of `ClipEntry` that the record of a batch has of a clip."""
-
-REPORT_FIELDS = (
-    "baseline_name",
-    "sources",
-    "clip",
-    "binding",
-    "summary",
-    "gates",
-    "notes",
-    "edited_from",
-    "regions",
-    "fit",
-    "quality",
-)
-"""Fields of its report that the record of a batch has; frames would make it large."""
-
 
 def format_json(reports: Sequence[Report], gaps: Sequence[Gap] = ()) -> str:
     """Format the record as JSON, several records as a list; metrics not defined are null.
@@ -79,10 +61,12 @@ def format_overview_json(overview: Overview) -> str:
 def _collect_entry(entry: ClipEntry) -> dict[str, Any]:
     """Collect what the record of a batch has of a clip: parts of its report beside its files."""
     report = {} if entry.report is None else asdict(entry.report)
-    own = {name: getattr(entry, name) for name in CLIP_FIELDS}
+    own = {name: getattr(entry, name) for name in ("name", "fault", "result", "page")}
+    parts = ("baseline_name", "sources", "clip", "binding", "summary")
+    own |= {name: report.get(name) for name in parts}
     own["curve"] = None if entry.curve is None else asdict(entry.curve)
-    lists = {"gates": (), "notes": ()}  # also of a clip that has failed
-    return own | {name: report.get(name, lists.get(name)) for name in REPORT_FIELDS}
+    own |= {name: report.get(name, ()) for name in ("gates", "notes")}
+    return own | {name: report.get(name) for name in ("edited_from", "regions", "fit", "quality")}
 
 
 def format_overview_csv(overview: Overview) -> str:
