@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from cageik_cli.cli.command import GroupedCommand, get_verbosity
+from cageik_cli.cli.command import GroupedCommand, get_verbosity, option
 from cageik_cli.cli.group import spell_option
 from cageik_cli.cli.options import common_options, overwrite_option
 from cageik_cli.cli.options.group import OptionGroup, list_options
@@ -29,8 +29,25 @@ if TYPE_CHECKING:
     from cageik_cli.store.result import StoredAnimation
 
 
+def _print_schema(context: click.Context, _: click.Parameter, is_asked: bool) -> None:
+    if is_asked:
+        from cageik_cli.report.views.schema import format_schema
+
+        click.echo(format_schema(), nl=False)
+        context.exit()
+
+
 @click.command("report", cls=GroupedCommand)
 @OptionGroup("settings", ReportSettings, *list_options(ReportSettings, overwrite=overwrite_option))
+@option(
+    "--schema",
+    is_flag=True,
+    is_eager=True,
+    expose_value=False,
+    is_per_clip=False,
+    callback=_print_schema,
+    help="Print the JSON Schema of reports and of the attributes of results, and exit.",
+)
 @click.option("--all", "has_all", is_flag=True, help="Print all figures, notes and regions.")
 @LIMIT_OPTIONS
 @common_options

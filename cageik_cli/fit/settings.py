@@ -191,8 +191,14 @@ class EditRoughness:
     """How rough edits of the cage are with fitted weights, relative to those before the fit.
 
     The mean over edits of the norm of the surface's Laplacian of the displacements, relative to
-    that with the weights before. `smooth` edits move a third of the cage about a vertex, `local`
-    ones a sixth.
+    that with the weights before.
+
+    Attributes
+    ----------
+    smooth : float
+        Of edits that move a third of the cage about a vertex.
+    local : float
+        Of edits that move a sixth.
     """
 
     smooth: float
@@ -261,7 +267,12 @@ class Distances:
 class Comparison:
     """The errors of fitted weights, and of the weights they were fitted from, on the same frames.
 
-    So many `frames` of the sample were measured.
+    Attributes
+    ----------
+    fitted, unfitted : Distances
+        With the fitted weights; with those before.
+    frames : int
+        How many frames of the sample were measured.
     """
 
     fitted: Distances
@@ -377,9 +388,16 @@ class FitReport:
 
 @dataclass(frozen=True, slots=True)
 class FittedClip:
-    """A clip that weights were fitted to: the name of its file, or of its first and last file.
+    """A clip that weights were fitted to.
 
-    The digest is that of its files.
+    Attributes
+    ----------
+    name : str
+        Of its file, or of its first and last file.
+    sha256 : str
+        The digest of its files, hexadecimal.
+    frames : int
+        How many it has.
     """
 
     name: str
@@ -393,7 +411,19 @@ class FittedClip:
 
 @dataclass(frozen=True, slots=True)
 class FitRecord:
-    """The record of a fit: its settings as they were asked for, and those of the cages."""
+    """The record of a fit.
+
+    Attributes
+    ----------
+    settings : FitSettings
+        As they were asked for.
+    solve : SolveSettings
+        Those of the cages.
+    clips : tuple of FittedClip
+        The clips that the weights were fitted to.
+    report : FitReport
+        What the weights gain, and what they cost.
+    """
 
     settings: FitSettings
     solve: SolveSettings

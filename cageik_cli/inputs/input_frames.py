@@ -137,7 +137,9 @@ def _list_candidates(result: Result) -> Iterator[list[str]]:
 
     A name that leads elsewhere, as a result from a stranger may have, is left alone.
     """
-    name, _, member = str(result.sources.get("frames", {}).get("name", "")).partition("::")
+    name, _, member = str((result.sources.get("frames") or {"name": ""}).get("name", "")).partition(
+        "::"
+    )
     suffix = f"::{member}" if member else ""
     for folder in dict.fromkeys([result.path.parent, Path()]):
         if _is_in(folder, name):

@@ -15,7 +15,7 @@ Error definitions, for F frames of m vertices, D the rest bounding box's diagona
 """
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TypedDict
 
 from cageik_cli.util.text import format_count, format_decimals, group_digits
 from cageik_cli.util.units import UNIT_LENGTHS, find_unit
@@ -33,15 +33,47 @@ METRIC_UNITS = ("m", "cm", "mm")
 """Units in which metric lengths are read, the longest first."""
 
 
+class ToolRecord(TypedDict):
+    """The program that wrote the result, or the report of a batch.
+
+    Attributes
+    ----------
+    name : str
+        cageik.
+    version : str
+        Its version.
+    """
+
+    name: str
+    version: str
+
+
 @dataclass(frozen=True, slots=True)
 class ClipRecord:
     """The clip: counts, lengths in file units, whether the model is closed, and its time.
 
-    `diagonal` is that of the box around the faces of the rest pose, and `radius` that of the
-    smallest sphere around them.
-
-    The numbers of frames begin with `start` and go in steps of `frame_step`. `body` tells whether
-    the model is closed, and more than a sheet: `TriMesh.is_body`.
+    Attributes
+    ----------
+    frames : int
+        Number of frames, skipped ones, too.
+    vertices, cage_vertices : int
+        Number of vertices of the model and of the cage.
+    diagonal : float
+        Diagonal of the box around the faces of the rest pose, file units.
+    radius : float
+        Radius of the smallest sphere around them, file units.
+    closed : bool
+        Whether the model is closed.
+    fps : float
+        Frames per second.
+    start : float
+        Number of the first frame on the timeline.
+    frame_step : float
+        From the number of a frame to that of the next.
+    body : bool
+        Whether the model is closed, and more than a sheet: `TriMesh.is_body`.
+    metres_per_unit : float
+        Length of a file unit, metres.
     """
 
     frames: int
@@ -65,12 +97,36 @@ class ClipRecord:
 class FrameRecord:
     """Metrics of a frame: lengths in file units and percent of the diagonal, changes in percent.
 
-    `index` counts frames from 0, and `number` is the place on the timeline.
+    All metrics of a skipped frame are None. Metrics of volumes are None for an open model, or when
+    vertices are missing data; changes also relative to less volume than that of a sheet.
 
-    Metrics of volumes are None for an open model, or when vertices are missing data; changes also
-    relative to less volume than that of a sheet. All metrics of a skipped frame are None, and
-    `skipped` is the reason. The fields behind it count vertices that are missing or rejected, and
-    measure the others; None if all count alike in all frames.
+    Attributes
+    ----------
+    index : int
+        Counts frames from 0.
+    number : float
+        The place on the timeline.
+    name : str
+        The file of the frame, or its place in a file.
+    rms, rms_percent : float, optional
+        Root mean square of the deviations of the vertices, file units; percent of the diagonal.
+    max_deviation, max_deviation_percent : float, optional
+        The largest deviation of a vertex, file units; percent of the diagonal.
+    worst_vertex : int, optional
+        The vertex that deviates most.
+    volume, volume_reconstructed : float, optional
+        Volume of the frame and of its reconstruction, cubic file units.
+    volume_change : float, optional
+        Of the reconstruction relative to the frame, percent; signed.
+    volume_drift : float, optional
+        Of the frame relative to the rest pose, percent; signed.
+    skipped : str, optional
+        Why the frame was skipped; None if it was not.
+    missing, rejected : int, optional
+        Number of vertices that are missing, and of those rejected as outliers; None if all count
+        alike in all frames.
+    rms_kept_percent, max_deviation_kept_percent : float, optional
+        The metrics of the vertices that were kept, percent of the diagonal; None as `missing`.
     """
 
     index: int
@@ -98,9 +154,25 @@ class FrameRecord:
 class KeptSummary:
     """Metrics of the clip over the vertices that were kept, and counts of the others.
 
-    `missing_percent` is of all vertices in all frames that were not skipped, `rejected_percent` of
-    those that are data. `most_missing` and `most_rejected` are the counts of the worst frames.
-    `area_rms_percent` is None for a model without area, and for results of earlier versions.
+    Attributes
+    ----------
+    rms_percent, max_deviation_percent : float
+        In percent of the diagonal.
+    missing_percent : float
+        Missing vertices, percent of all vertices in all frames that were not skipped.
+    most_missing : int
+        How many are missing in the frame that lacks most.
+    most_missing_frame : str
+        The name of that frame.
+    rejected_percent : float
+        Vertices rejected as outliers, percent of those that are data.
+    most_rejected : int
+        How many are rejected in the frame with most of them.
+    most_rejected_frame : str
+        The name of that frame.
+    area_rms_percent : float, optional
+        The rms by area of what was kept, percent of the diagonal; None for a model without area,
+        and for results of earlier versions.
     """
 
     rms_percent: float
@@ -118,15 +190,56 @@ class KeptSummary:
 class ReportSummary:
     """Metrics of the clip, over the frames that were not skipped.
 
-    `volume_change_percent_max` is the largest change in absolute value, with its sign.
-    `fixed_floats` counts the weights that must be stored, `floats_per_frame` the coordinates of a
-    cage. `best_possible_percent` is the smallest rms that a cage with as many vertices can have.
-    `area_rms` weighs each vertex by its area in the rest pose; None for a model without area, and
-    for results of earlier versions in which vertices count differently in each frame.
-    `radius_rms_percent` is `rms` in percent of the radius of the smallest sphere around the model.
-    Of weights that were fitted to this clip, `gap_closed_percent` tells how much of the gap from
-    the unfitted weights to it they close, and `held_out_rms_percent` their error on frames that
-    were held out. `worst_part` is the part with the largest rms; None for a model of one part.
+    Attributes
+    ----------
+    rms, rms_percent : float
+        The root of the mean square of the frames' rms, file units; percent of the diagonal.
+    worst_frame : str
+        The name of the frame with the largest rms.
+    worst_frame_index : int
+        Its number, counted from 0.
+    worst_frame_rms, worst_frame_rms_percent : float
+        Its rms, file units; percent of the diagonal.
+    max_deviation, max_deviation_percent : float
+        The largest deviation of a vertex in any frame, file units; percent of the diagonal.
+    max_deviation_frame : str
+        The name of that frame.
+    max_deviation_vertex : int
+        That vertex.
+    volume_change_percent_max : float, optional
+        The largest change of volume in absolute value, with its sign, percent; None if no frame has
+        one.
+    volume_change_frame : str, optional
+        The name of that frame.
+    volume_drift_percent_max : float, optional
+        The same of the drift of volume.
+    radius_rms_percent : float
+        `rms` in percent of the radius of the smallest sphere around the model.
+    e_rms : float
+        1154.70 rms/D, D the diagonal (Kavan, Sloan and O'Sullivan 2010).
+    kg_error : float, optional
+        Error relative to the motion, percent (Karni and Gotsman 2004); None if nothing moves.
+    frames_skipped : int
+        Number of frames that were skipped.
+    floats_per_frame : int
+        The coordinates of a cage.
+    fixed_floats : int
+        The weights that must be stored, once.
+    area_rms, area_rms_percent : float, optional
+        The rms in which each vertex counts by its area in the rest pose, file units; percent of the
+        diagonal; None for a model without area, and for results of earlier versions in which
+        vertices count differently in each frame.
+    best_possible_percent : float, optional
+        The smallest rms that a cage with as many vertices can have, percent of the diagonal; None
+        if it is not known, or says nothing.
+    gap_closed_percent : float, optional
+        How much of the gap from the unfitted weights to it the fit closes; None without a fit to
+        this clip.
+    held_out_rms_percent : float, optional
+        The error of fitted weights on frames that were held out, percent of the diagonal; None as
+        above.
+    worst_part : str, optional
+        The part with the largest rms; None for a model of one part.
     """
 
     rms: float
@@ -156,6 +269,25 @@ class ReportSummary:
     worst_part: str | None = None
 
 
+class WorstVertex(TypedDict):
+    """A vertex with a large error.
+
+    Attributes
+    ----------
+    vertex : int
+        Its number.
+    rms, rms_percent : float
+        Over the frames, file units; percent of the diagonal.
+    position : tuple of float
+        In the rest pose, file units.
+    """
+
+    vertex: int
+    rms: float
+    rms_percent: float
+    position: tuple[float, float, float]
+
+
 @dataclass(frozen=True, slots=True)
 class VertexMetrics:
     """The distribution of the error over the model.
@@ -166,14 +298,13 @@ class VertexMetrics:
         The k + 1 edges of the histogram's k bins, in percent of the diagonal.
     counts : tuple of int
         Number of vertices whose rms is in each bin; missing data is in none.
-    worst : tuple of dict
-        The worst ones, the worst first: the number of the `vertex`, its `rms` over the frames in
-        file units and in percent, and its `position` in the rest pose.
+    worst : tuple of WorstVertex
+        The worst ones, the worst first.
     """
 
     edges_percent: tuple[float, ...]
     counts: tuple[int, ...]
-    worst: tuple[dict[str, Any], ...]
+    worst: tuple[WorstVertex, ...]
 
 
 def format_percent(value: float) -> str:

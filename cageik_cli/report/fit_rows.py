@@ -41,7 +41,8 @@ def is_fitted_to_clip(result: Result) -> bool:
     """Return whether the weights were fitted to the clip of the result, and to no other."""
     if result.fit is None:
         return False
-    own = result.sources.get("frames", {}).get("sha256")
+    frames = result.sources.get("frames")
+    own = None if frames is None else frames.get("sha256")
     return [clip.sha256 for clip in result.fit.clips] == [own]
 
 

@@ -136,7 +136,17 @@ def _count_alike(first: str, second: str) -> int:
 
 @dataclass(frozen=True, slots=True)
 class Gap:
-    """A result that is in the run or in the baseline, but not in both; it fails the gate."""
+    """A result that is in the run or in the baseline, but not in both; it fails the gate.
+
+    Attributes
+    ----------
+    name : str
+        Of the result.
+    baseline : str
+        The name of the file of the baseline.
+    is_new : bool
+        Whether the baseline lacks it; else the run does.
+    """
 
     name: str
     baseline: str
@@ -174,6 +184,12 @@ class LimitCheck:
 
     Attributes
     ----------
+    metric : str
+        One of `METRICS`: rms, frame_rms, max_deviation or volume_change.
+    unit : str
+        Of the limit and the values: %, of the diagonal or of the volume, or units, of the file.
+    limit : float
+        The largest value that is allowed.
     found : float, optional
         The value as it is printed, a change without its sign; None when it is not defined.
     frame : str, optional

@@ -45,10 +45,14 @@ class ClipEntry:
 
     Attributes
     ----------
+    name : str
+        Its path below the folder of the batch, with forward slashes.
     fault : str, optional
         The message of its failure; it then has no result, page, report and curve.
     result, page : str, optional
         Its files, relative to the overview's, with forward slashes.
+    curve : Curve, optional
+        A small curve of its error.
     report : Report, optional
         Without its frames, which would fill the memory in a batch of many long clips.
     picture : bytes, optional

@@ -17,7 +17,9 @@ from cageik_cli.report.figures import (
     FrameRecord,
     KeptSummary,
     ReportSummary,
+    ToolRecord,
     VertexMetrics,
+    WorstVertex,
     convert_to_integer,
 )
 from cageik_cli.report.fit_rows import (
@@ -47,6 +49,7 @@ from cageik_cli.report.vocabulary import (
     QUALITY_WORDS,
     Vocabulary,
 )
+from cageik_cli.store.hdf5_fields import SourceRecord
 from cageik_cli.store.result import Result, StoredAnimation
 from cageik_cli.store.result_fields import export_fields
 from cageik_cli.store.tried_steps import HiddenErrors, Step, TriedStep
@@ -69,20 +72,63 @@ Doubt = Literal["rejected", "missing", "torn"]
 class Report:
     """One result's report; `report.json` is this record.
 
-    `edited_from` names what an edit was made from; None for a result of `extract`. The metrics of
-    an edit measure how far it moved the mesh. `regions` are the worst ones, none if the largest
-    deviation is within the usual; None for an edit, and for results of earlier versions. `fit`
-    tells how weights were fitted to clips, and `bound` the smallest error that is possible.
-    `unfitted` is the error with the weights before a fit; None if the result does not hold it.
-    `kept` tells what was left out as missing or as outliers; None if all vertices count alike.
-    `parts` are in the order of the model; None for a model of one part.
-    `filled` are the skipped frames whose cages were filled from those around them.
-    `quality` is a key of `QUALITY_WORDS`, and `better` the one step that would help most; both are
-    None for an edit, `better` also where there is no such step. `gain` is what that step has gained
-    on some frames; None if it was not tried, as it cannot hurt. `hidden` are the errors of vertices
-    that were hidden on purpose, as others are missing; None if none are. `is_torn` says that pieces
-    of the input jump apart from the surface around them, in most frames. `baseline_name` is the
-    result in the baseline that this one was compared with; None if there is none.
+    The metrics of an edit measure how far it moved the mesh.
+
+    Attributes
+    ----------
+    schema : int
+        Version of this record; it changes when a field does.
+    tool : ToolRecord
+        What wrote the result.
+    result : str
+        The name of the file of the result.
+    edited_from : str, optional
+        What an edit was made from; None for a result of `extract`.
+    sources : dict
+        The files that were read, by what they were read for.
+    settings : dict
+        The settings on which the numbers depend.
+    notes : tuple of Note
+        What was changed, left out or found, one sentence each.
+    clip : ClipRecord
+        The clip, the model and the cage.
+    binding : SolveQuality
+        How good the weights are.
+    fit : FitRecord, optional
+        How weights were fitted to clips; None if they were not.
+    bound : VertexBound, optional
+        The smallest error that is possible; None if it is not known.
+    summary : ReportSummary
+        The metrics of the clip.
+    vertices : VertexMetrics
+        The distribution of the error over the model.
+    frames : tuple of FrameRecord
+        The metrics of each frame, in order.
+    gates : tuple of LimitCheck
+        The limits that were given, and whether they are kept.
+    regions : tuple of RegionRecord, optional
+        The worst regions, none if the largest deviation is within the usual; None for an edit, and
+        for results of earlier versions.
+    unfitted : BaselineErrorRecord, optional
+        The error with the weights before a fit; None if the result does not hold it.
+    kept : KeptSummary, optional
+        What was left out as missing or as outliers; None if all vertices count alike.
+    filled : tuple of str
+        The names of skipped frames whose cages were filled from those around them.
+    parts : tuple of PartRecord, optional
+        In the order of the model; None for a model of one part.
+    quality : str, optional
+        How good the result is, a key of `QUALITY_WORDS`: good, fair or poor; None for an edit.
+    better : str, optional
+        The one step that would help most; None for an edit, and where there is no such step.
+    gain : TriedStep, optional
+        What that step has gained on some frames; None if it was not tried, as it cannot hurt.
+    hidden : HiddenErrors, optional
+        Errors of vertices that were hidden on purpose, as others are missing; None if none are.
+    is_torn : bool
+        Whether pieces of the input jump apart from the surface around them, in most frames.
+    baseline_name : str, optional
+        The result in the baseline that this one was compared with; None if there is none.
 
     Examples
     --------
@@ -95,10 +141,10 @@ class Report:
     """
 
     schema: int
-    tool: dict[str, str]
+    tool: ToolRecord
     result: str
     edited_from: str | None = None
-    sources: dict[str, Any]
+    sources: dict[str, SourceRecord]
     settings: dict[str, Any]
     notes: tuple[Note, ...]
     clip: ClipRecord
@@ -431,12 +477,12 @@ def _build_vertex_metrics(result: StoredAnimation) -> VertexMetrics:
         edges_percent=tuple(edges.tolist()),
         counts=tuple(counts.tolist()),
         worst=tuple(
-            {
-                "vertex": int(k),
-                "rms": float(rms[k]),
-                "rms_percent": float(percent * rms[k]),
-                "position": tuple(result.rest.vertices[k]),
-            }
+            WorstVertex(
+                vertex=int(k),
+                rms=float(rms[k]),
+                rms_percent=float(percent * rms[k]),
+                position=tuple(result.rest.vertices[k].tolist()),
+            )
             for k in worst
         ),
     )

@@ -5,13 +5,18 @@ diagonal of the whole model, so that parts can be compared with each other and w
 """
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 
 from cageik_cli.geometry.parts import format_place, get_parts, name_part
-from cageik_cli.method.solve.regions import MAX_DEVIATION, MAX_RMS_RATIO, Cause, has_bad_regions
+from cageik_cli.method.solve.regions import (
+    MAX_DEVIATION,
+    MAX_RMS_RATIO,
+    Cause,
+    Evidence,
+    has_bad_regions,
+)
 from cageik_cli.report.figures import ReportSummary, format_percent
 from cageik_cli.store.result import Result, StoredAnimation
 from cageik_cli.util.arrays import Floats
@@ -75,17 +80,23 @@ class RegionRecord:
     ----------
     centre : tuple of float
         In the rest pose, file units.
+    vertices : int
+        How many it has.
     size, size_percent : float
         Diagonal of the box around it, in file units and in percent of the model's diagonal.
     frame : str
         The name of the frame of the largest deviation.
+    frame_index : int
+        The number of that frame, counted from 0.
     max_deviation, max_deviation_percent : float
         In file units and in percent of the diagonal.
+    worst_vertex : int
+        The vertex that deviates most.
     cage_faces : tuple of int
         The nearest ones, that of the worst vertex first.
-    cause : str
-        The probable cause, one of `CAUSES`.
-    evidence : dict
+    cause : Cause
+        The probable cause.
+    evidence : Evidence
         What the cause was judged by.
     part : str, optional
         The part that it is of; None for a model of one part.
@@ -101,8 +112,8 @@ class RegionRecord:
     max_deviation_percent: float
     worst_vertex: int
     cage_faces: tuple[int, ...]
-    cause: str
-    evidence: dict[str, Any]
+    cause: Cause
+    evidence: Evidence
     part: str | None = None
 
 
@@ -123,8 +134,8 @@ def build_regions(result: Result) -> tuple[RegionRecord, ...] | None:
             max_deviation_percent=percent * region.max_deviation,
             worst_vertex=region.worst_vertex,
             cage_faces=region.cage_faces,
-            cause=str(region.cause),
-            evidence=asdict(region.evidence),
+            cause=region.cause,
+            evidence=region.evidence,
             part=name_part(result.rest, region.worst_vertex),
         )
         for region in result.regions
@@ -176,7 +187,7 @@ def format_size(region: RegionRecord) -> str:
 
 def name_cause(region: RegionRecord) -> str:
     """Return the probable cause of a region's deviation in words."""
-    return CAUSES[Cause(region.cause)][0]
+    return CAUSES[region.cause][0]
 
 
 def list_remedies(regions: tuple[RegionRecord, ...], is_fitted: bool) -> list[Said]:
@@ -185,7 +196,7 @@ def list_remedies(regions: tuple[RegionRecord, ...], is_fitted: bool) -> list[Sa
     Weights that are not fitted yet can be the remedy in the same cage.
     """
     remedies: list[Said] = []
-    for cause in dict.fromkeys(Cause(region.cause) for region in regions):
+    for cause in dict.fromkeys(region.cause for region in regions):
         remedies.append(CAUSES[cause][1])
         if cause == Cause.SHARED_LOOP and not is_fitted:
             remedies.append(
@@ -199,9 +210,19 @@ def list_remedies(regions: tuple[RegionRecord, ...], is_fitted: bool) -> list[Sa
 
 @dataclass(frozen=True, slots=True)
 class PartRecord:
-    """A part of the model, and the rms of its vertices over the clip; None if none is data.
+    """A part of the model, and its error.
 
-    `first_vertex` is the number of its first vertex in the model. Lengths are in file units.
+    Attributes
+    ----------
+    name : str
+        The name of the part.
+    first_vertex : int
+        The number of its first vertex in the model.
+    vertices : int
+        How many vertices it has.
+    rms, rms_percent : float, optional
+        Of its vertices over the clip, file units; percent of the diagonal of the whole model; None
+        if none is data.
     """
 
     name: str

@@ -18,18 +18,22 @@ QUALITY_WORDS = {"good": "good", "fair": "fair", "poor": "poor"}
 CAGE_VERDICT_WORDS = {"fit": "fit", "usable": "usable", "unfit": "unfit"}
 """How people read each verdict on a cage; records for programs hold the key."""
 
+RECORDED_SETTINGS = (
+    BindSettings,
+    BuildSettings,
+    CaptureSettings,
+    ClipSettings,
+    FitSettings,
+    PosingSettings,
+    SolveSettings,
+)
+"""The records of the settings that a result records."""
+
 SETTING_MEANINGS = {
-    **list_meanings(
-        BindSettings,
-        BuildSettings,
-        CaptureSettings,
-        ClipSettings,
-        FitSettings,
-        PosingSettings,
-        SolveSettings,
-    ),
+    **list_meanings(*RECORDED_SETTINGS),
     "rest_frame": "frame used as the rest pose; none if it is a file, or a frame that is not taken",
     "vertex_weights": "whether vertices have weights of their own; area: by their area",
+    "given_in": "unit and up axis in which the rest pose and the cage were given",
 }
 """What the settings that a result records are, by name."""
 

@@ -5,7 +5,16 @@ import zlib
 from dataclasses import MISSING, asdict, fields, is_dataclass
 from enum import StrEnum
 from types import NoneType, UnionType
-from typing import Any, Literal, TypeVar, get_args, get_origin, get_type_hints
+from typing import (
+    Any,
+    Literal,
+    NotRequired,
+    TypedDict,
+    TypeVar,
+    get_args,
+    get_origin,
+    get_type_hints,
+)
 
 import h5py
 import numpy as np
@@ -32,6 +41,24 @@ MAX_STORED_CHUNK_BYTES = 1 << 18
 """Bytes of the rows of a matrix that are compressed together."""
 
 Record = TypeVar("Record")
+
+
+class SourceRecord(TypedDict):
+    """A file, or a series of files, that was read.
+
+    Attributes
+    ----------
+    name : str
+        Of the file, or of the first and the last one; behind `::` what was read of it.
+    sha256 : str
+        The digest of what was read, hexadecimal; missing for a mesh that is a frame of the clip.
+    files : int
+        Number of files in a series.
+    """
+
+    name: str
+    sha256: NotRequired[str]
+    files: NotRequired[int]
 
 
 def create_hdf5(sink: DeferredErrorFile) -> h5py.File:
@@ -156,9 +183,9 @@ def read_json_attr(file: h5py.File, name: str, expected_type: type) -> Any:
     return value
 
 
-def read_sources(file: h5py.File) -> dict[str, Any]:
+def read_sources(file: h5py.File) -> dict[str, SourceRecord]:
     """Read name and digest of each file that was read."""
-    sources: dict[str, Any] = read_json_attr(file, "sources", dict)
+    sources: dict[str, SourceRecord] = read_json_attr(file, "sources", dict)
     if not all(isinstance(source, dict) for source in sources.values()):
         raise FormatError("attribute `sources` does not name files; write it again")
     return sources

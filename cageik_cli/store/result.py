@@ -40,6 +40,7 @@ from cageik_cli.store import fit_fields, result_fields
 from cageik_cli.store.binding_file import StoredBinding
 from cageik_cli.store.fit_fields import MAX_STORED_ERROR, BaselineErrors
 from cageik_cli.store.hdf5_fields import (
+    SourceRecord,
     check_schema,
     create_hdf5,
     has_format,
@@ -107,6 +108,8 @@ class StoredAnimation:
         By number in the clip, why a frame was skipped.
     notes : tuple of Note
         What was changed or left out, one sentence each.
+    quality : SolveQuality
+        How good the weights are.
     metrics : FrameMetrics
         nan for a frame that was skipped, and a worst vertex of -1.
     vertex_rms : (m,) float64
@@ -124,7 +127,9 @@ class StoredAnimation:
     path: Path
     rest: TriMesh
     cage: TriMesh
-    version: str = declare_field(lambda file, _: read_version(file))
+    version: str = declare_field(
+        lambda file, _: read_version(file), write=result_fields.write_plain
+    )
     frames: tuple[str, ...] = declare_field(
         lambda file, sizes: read_texts(file, "frames/name", sizes.frames),
         write=result_fields.write_names,
@@ -139,7 +144,7 @@ class StoredAnimation:
         show=lambda clip: [("settings", ", ".join(f"{k} {v}" for k, v in clip.settings.items()))],
         export="settings",
     )
-    sources: dict[str, Any] = declare_field(
+    sources: dict[str, SourceRecord] = declare_field(
         lambda file, _: read_sources(file),
         show=lambda clip: [(f"from {k}", str(v.get("name"))) for k, v in clip.sources.items()],
         export="sources",
@@ -161,7 +166,9 @@ class StoredAnimation:
         lambda file, _: fit_fields.read_fit_record(file), default=None, export="fit"
     )
     has_offsets: bool = declare_field(
-        lambda file, _: fit_fields.read_offset_mark(file), default=False
+        lambda file, _: fit_fields.read_offset_mark(file),
+        write=result_fields.write_plain,
+        default=False,
     )
 
     @property
@@ -274,7 +281,7 @@ class Edit(StoredAnimation):
 
     edited_from: str = declare_field(
         lambda file, _: read_text_attr(file, "edited_from"),
-        write=result_fields.write_text,
+        write=result_fields.write_plain,
         export="edited_from",
     )
 

@@ -72,6 +72,11 @@ class StoredField:
     show: Callable[[Any], list[Row]] | None = None
     export: str | None = None
 
+    @property
+    def is_json(self) -> bool:
+        """Whether it is an attribute of JSON."""
+        return self.columns is None and self.write in (write_json, write_list, write_skipped)
+
 
 def declare_field(
     read: Callable[[h5py.File, ClipSizes], Any], *, default: Any = MISSING, **options: Any
@@ -97,9 +102,9 @@ def export_fields(record: Any) -> dict[str, Any]:
     return {one.export: getattr(record, name) for name, one in declared.items() if one.export}
 
 
-def write_text(file: h5py.File, name: str, text: str) -> None:
-    """Write an attribute of plain text."""
-    file.attrs[name] = text
+def write_plain(file: h5py.File, name: str, value: str | bool) -> None:
+    """Write an attribute of plain text, or a truth value."""
+    file.attrs[name] = value
 
 
 def write_names(file: h5py.File, _: str, frames: tuple[str, ...]) -> None:

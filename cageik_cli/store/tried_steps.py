@@ -35,6 +35,7 @@ class TriedStep:
     Attributes
     ----------
     step : Step
+        What was tried.
     before_percent, after_percent : float
         Root mean square over the frames that were measured, in percent of the diagonal.
     frames : int

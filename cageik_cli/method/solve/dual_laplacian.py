@@ -42,7 +42,13 @@ MIN_BOUND_VERTICES, MAX_BOUND_VERTICES = 512, 1024
 
 @dataclass(frozen=True, slots=True)
 class SolveQuality(WeightQuality):
-    """Measures of the weights, and the condition number of the normal matrix, in the 2-norm."""
+    """Measures of the quality of the weights, and of the system that they give.
+
+    Attributes
+    ----------
+    condition_number : float
+        Of the normal matrix, in the 2-norm.
+    """
 
     condition_number: float
 

@@ -143,6 +143,12 @@ class Region:
         File units.
     cage_faces : tuple of int
         The cage's faces nearest to the region, that of the worst vertex first.
+    worst_vertex : int
+        The vertex that deviates most.
+    cause : Cause
+        Why it is likely to be off.
+    evidence : Evidence
+        What the cause was judged by.
     """
 
     centre: tuple[float, float, float]

@@ -29,10 +29,17 @@ long as the clip has not been asked."""
 
 @dataclass(frozen=True, slots=True)
 class VertexBound:
-    """The smallest error that a cage animation can have, with a cage of `points` vertices.
+    """The smallest error that a cage animation can have.
 
-    It is the root mean square over all frames and the `vertices` that were sampled, in percent of
-    the diagonal.
+    Attributes
+    ----------
+    rms_percent : float
+        Root mean square over all frames and the vertices that were sampled, in percent of the
+        diagonal.
+    points : int
+        Number of vertices of the cage.
+    vertices : int
+        How many vertices were sampled.
     """
 
     rms_percent: float

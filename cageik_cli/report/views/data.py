@@ -5,16 +5,23 @@ import io
 import json
 from collections.abc import Sequence
 from dataclasses import asdict, fields, replace
-from typing import Any
+from typing import Any, TypedDict
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, SubElement
 
-from cageik_cli.report.figures import REPORT_SCHEMA, ClipRecord, FrameRecord, ReportSummary
+from cageik_cli.report.figures import (
+    REPORT_SCHEMA,
+    ClipRecord,
+    FrameRecord,
+    ReportSummary,
+    ToolRecord,
+)
 from cageik_cli.report.limits import Gap, LimitCheck
 from cageik_cli.report.overview import ClipEntry, Overview, describe_poor
 from cageik_cli.report.record import Report
 from cageik_cli.report.views.text import format_check_row
 from cageik_cli.report.vocabulary import Vocabulary
+from cageik_cli.util.messages import Note
 from cageik_cli.util.text import single_line
 from cageik_cli.util.version import __version__
 
@@ -46,27 +53,64 @@ def format_csv(reports: Sequence[Report]) -> str:
     return stream.getvalue()
 
 
+ENTRY_FIELDS = (
+    (ClipEntry, ("name", "fault", "result", "page")),
+    (Report, ("baseline_name", "sources", "clip", "binding", "summary")),
+    (ClipEntry, ("curve",)),
+    (Report, ("gates", "notes", "edited_from", "regions", "fit", "quality")),
+)
+"""What the record of a batch has of a clip: fields of its entry, and of its report."""
+
+
+class BatchRecord(TypedDict):
+    """The report of a batch, its `report.json`.
+
+    Attributes
+    ----------
+    schema : int
+        Version of this record; it changes when a field does.
+    tool : ToolRecord
+        What wrote the report.
+    notes : tuple of str
+        On the run as a whole, such as on files that are no clips.
+    gaps : tuple of Gap
+        Clips that the run or its baseline lacks, and that are not allowed.
+    clips : list of dict
+        The clips, in order of their names.
+    """
+
+    schema: int
+    tool: ToolRecord
+    notes: tuple[str, ...]
+    gaps: tuple[Gap, ...]
+    clips: tuple[dict[str, Any], ...]
+
+
 def format_overview_json(overview: Overview) -> str:
     """Format the record of a batch as JSON; metrics not defined are null."""
-    record = {
-        "schema": REPORT_SCHEMA,
-        "tool": {"name": "cageik", "version": __version__},
-        "notes": overview.notes,
-        "gaps": list(map(asdict, overview.gaps)),
-        "clips": [_collect_entry(entry) for entry in overview.clips],
-    }
-    return json.dumps(record, indent=1, allow_nan=False, default=str) + "\n"
+    record = BatchRecord(
+        schema=REPORT_SCHEMA,
+        tool=ToolRecord(name="cageik", version=__version__),
+        notes=tuple(overview.notes),
+        gaps=overview.gaps,
+        clips=tuple(map(_collect_entry, overview.clips)),
+    )
+    return json.dumps(record, indent=1, allow_nan=False, default=_make_plain) + "\n"
 
 
 def _collect_entry(entry: ClipEntry) -> dict[str, Any]:
-    """Collect what the record of a batch has of a clip: parts of its report beside its files."""
-    report = {} if entry.report is None else asdict(entry.report)
-    own = {name: getattr(entry, name) for name in ("name", "fault", "result", "page")}
-    parts = ("baseline_name", "sources", "clip", "binding", "summary")
-    own |= {name: report.get(name) for name in parts}
-    own["curve"] = None if entry.curve is None else asdict(entry.curve)
-    own |= {name: report.get(name, ()) for name in ("gates", "notes")}
-    return own | {name: report.get(name) for name in ("edited_from", "regions", "fit", "quality")}
+    """Collect what the record of a batch has of a clip; a failed one has no report."""
+    held: dict[type, Any] = {ClipEntry: entry, Report: entry.report}
+    lists = {"gates": (), "notes": ()}
+    return {
+        name: getattr(held[record], name, lists.get(name))
+        for record, names in ENTRY_FIELDS
+        for name in names
+    }
+
+
+def _make_plain(value: Any) -> Any:
+    return str(value) if isinstance(value, Note) else asdict(value)
 
 
 def format_overview_csv(overview: Overview) -> str:
