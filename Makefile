@@ -1,5 +1,6 @@
 # Every target makes the virtual environment it needs: a clone, Python 3.11 and make are enough.
-# `test-blender` needs Python 3.11 itself, for Blender as a module, and `test-browser` needs Chromium;
+# `test-blender` and `test-oldest` need Python 3.11 itself, for Blender as a module and for old versions
+# of libraries, and `test-browser` needs Chromium;
 # nothing else here depends on them.
 PYTHON ?= python3
 VENV   ?= .venv
@@ -14,10 +15,14 @@ BLENDER_VENV  ?= .venv-blender
 BLENDER_READY := $(BLENDER_VENV)/.ready
 READ_BACK     := $(BLENDER_VENV)/bin/python tests/blender/read_back.py $(OUT)/blender
 
+OLDEST_VENV   ?= .venv-oldest
+OLDEST_READY  := $(OLDEST_VENV)/.ready
+
 CHROMIUM      ?= chromium
 
 # One worker per processor, each with whole files for as long as there are any: fixtures are made once.
-PYTEST        := $(BIN)/python -m pytest --numprocesses=auto --dist=worksteal
+PARALLEL      := --numprocesses=auto --dist=worksteal
+PYTEST        := $(BIN)/python -m pytest $(PARALLEL)
 
 # The compiled tests and modules are kept for the next run.
 unexport PYTHONDONTWRITEBYTECODE
@@ -29,7 +34,7 @@ PURE_TESTS    := tests/method tests/captured tests/fit tests/formats/obj tests/f
 SCRIPT_TYPES  := --ignoreConfig --allowJs --checkJs --noEmit --strict false --target es2022 --lib es2022,dom,dom.iterable
 KERNEL_TESTS  := tests/method/weights/bem tests/method/weights/test_harmonic.py tests/formats/obj tests/formats/test_fuzz_readers.py tests/geometry/test_surface.py tests/report/render/test_raster.py tests/method/solve/test_compiled_frames.py tests/method/solve/test_summary.py
 
-.PHONY: help run test test-slow test-all test-pure sanitize test-blender test-gltf test-browser check check-script format fuzz faults bench growth latency docs fixtures view-pictures clean
+.PHONY: help run test test-slow test-all test-pure test-oldest sanitize test-blender test-gltf test-browser check check-script format fuzz faults bench growth latency docs fixtures view-pictures clean
 
 help:  ## Show the targets
 	@sed -n 's/^\([a-z-]*\):.*## /\1	/p' $(MAKEFILE_LIST) | expand -t 14
@@ -66,6 +71,19 @@ test-all: test test-slow  ## Run all tests
 
 test-pure: $(READY)  ## Run the tests of weights and readers without the compiled core
 	CAGEIK_PURE=1 $(PYTEST) $(PURE_TESTS)
+
+$(OLDEST_READY): pyproject.toml tests/oldest.py $(KERNEL)
+	@$(PYTHON311) -c 'import sys; sys.exit(sys.version_info[:2] != (3, 11))' 2>/dev/null || { \
+		echo "$(PYTHON311): is not Python 3.11, the oldest that is stated; install it, or name it:" \
+			"make test-oldest PYTHON311=/path/to/python3.11" >&2; exit 1; }
+	$(PYTHON311) -m venv $(OLDEST_VENV)
+	$(OLDEST_VENV)/bin/python tests/oldest.py > $(OLDEST_VENV)/oldest.txt
+	$(OLDEST_VENV)/bin/python -m pip install --quiet --disable-pip-version-check --editable '.[dev]' \
+		--constraint $(OLDEST_VENV)/oldest.txt
+	@touch $@
+
+test-oldest: $(OLDEST_READY)  ## Run the quick tests with the oldest libraries that pyproject.toml allows
+	$(OLDEST_VENV)/bin/python -m pytest $(PARALLEL)
 
 # The sanitizers are in the process before Python is, and so before all that it allocates.
 sanitize: $(READY)  ## Run the tests of the compiled core under the sanitizers of the compiler
@@ -178,5 +196,5 @@ view-pictures: $(READY)  ## Draw the pictures of `cageik view` again, in Chromiu
 	$(BIN)/python data_fixtures/make_view_pictures.py "$$(command -v $(CHROMIUM))"
 
 clean:  ## Remove what was built and written here
-	rm -rf $(VENV) $(BLENDER_VENV) $(OUT) build dist *.egg-info cageik_cli/_kernel.*.so cageik_cli/_kernel.*.pyd .pytest_cache .mypy_cache .ruff_cache .coverage .hypothesis
+	rm -rf $(VENV) $(BLENDER_VENV) $(OLDEST_VENV) $(OUT) build dist *.egg-info cageik_cli/_kernel.*.so cageik_cli/_kernel.*.pyd .pytest_cache .mypy_cache .ruff_cache .coverage .hypothesis
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
