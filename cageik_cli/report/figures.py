@@ -127,6 +127,9 @@ class FrameRecord:
         alike in all frames.
     rms_kept_percent, max_deviation_kept_percent : float, optional
         The metrics of the vertices that were kept, percent of the diagonal; None as `missing`.
+    area_rms_percent, area_rms_kept_percent : float, optional
+        The rms by area of all data, and of what was kept, percent of the diagonal; None as
+        `missing`, and for results of earlier versions.
     """
 
     index: int

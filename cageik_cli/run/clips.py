@@ -106,7 +106,8 @@ def name_clips(results: Sequence[StoredAnimation]) -> list[str]:
 
 def _get_source(result: StoredAnimation) -> str:
     """Return what a result was extracted from, as it records it; "" where it does not."""
-    return str(result.sources.get("frames", {}).get("name", ""))
+    source = result.sources.get("frames")
+    return "" if source is None else str(source.get("name", ""))
 
 
 def _check_shared(
