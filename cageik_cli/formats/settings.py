@@ -50,9 +50,6 @@ MAX_MORPHS = 256
 MAX_SCENE_NUMBER = 1e50
 """Numbers of a scene up to it, and from its inverse on, multiply and divide without overflow."""
 
-MAX_START_STEPS = 1e12
-"""Steps of frame numbers from 0 to the first frame; far more, and numbers would round to others."""
-
 
 @dataclass(frozen=True, slots=True)
 class Scene:
@@ -97,10 +94,10 @@ class Scene:
             raise SettingError(
                 f"the number of the first frame is {self.start}, expected a finite number"
             )
-        if abs(self.start) > MAX_START_STEPS * self.frame_step:
+        if abs(self.start) > MAX_SCENE_NUMBER:
             raise SettingError(
                 f"the number of the first frame is {self.start:g}, expected one up to "
-                f"{MAX_START_STEPS * self.frame_step:g}"
+                f"{MAX_SCENE_NUMBER:g}"
             )
         if self.up_axis not in UP_AXES:
             raise SettingError(f"the up axis is {self.up_axis}, expected {' or '.join(UP_AXES)}")

@@ -21,9 +21,7 @@ def test_what_is_said_stands_and_the_rest_is_usual():
         ({"metres_per_unit": -1.0}, "-1 metres"),
         ({"metres_per_unit": float("inf")}, "inf metres"),
         ({"start": float("inf")}, "first frame is inf"),
-        ({"start": -1e300}, r"first frame is -1e\+300, expected one up to 1e\+12"),
-        ({"start": 1e13}, r"first frame is 1e\+13, expected one up to 1e\+12"),
-        ({"frame_step": 1e-13}, r"first frame is 1, expected one up to 0\.1"),
+        ({"start": -1e300}, r"first frame is -1e\+300, expected one up to 1e\+50"),
         ({"fps": 1e308}, r"1e\+308 frames per second, expected 1e-50 to 1e\+50"),
         ({"fps": 1e-308}, r"1e-308 frames per second, expected 1e-50 to"),
         ({"metres_per_unit": 1e51}, r"1e\+51 metres per unit, expected 1e-50 to"),
@@ -42,7 +40,7 @@ def test_what_cannot_be_is_refused(kind, wrong, says):
 
 def test_extreme_numbers_of_a_scene_do_not_overflow():
     for number in (1e50, 1e-50):
-        scene = Scene(fps=number, start=number, metres_per_unit=number, frame_step=number)
+        scene = Scene(fps=number, start=1e50, metres_per_unit=number, frame_step=number)
         assert np.isfinite(scene.frame_number(10**9) / scene.fps / scene.metres_per_unit)
 
 
