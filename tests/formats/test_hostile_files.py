@@ -196,6 +196,17 @@ def write_copies(path):
     built.save(path)
 
 
+def write_instances(path, count):
+    """Many triangles of one mesh."""
+    built, generator = Built(), np.random.default_rng(0)
+    positions = built.array(generator.normal(size=(5000, 3)))
+    corners = built.array(generator.integers(5000, size=30_000), "H")
+    primitive = {"attributes": {"POSITION": positions}, "indices": corners}
+    mesh = built.add("meshes", {"primitives": [primitive]})
+    built.json["nodes"] = [{"mesh": mesh}] * count
+    built.save(path)
+
+
 FILES = {
     "wide_number.obj.gz": write_wide_number,
     "wide_colour.obj": write_wide_colour,
@@ -214,6 +225,8 @@ FILES = {
     "joints.glb": write_joints,
     "named.gltf": write_named_files,
     "copies.glb": write_copies,
+    "instances.glb": lambda path: write_instances(path, 240),
+    "more_instances.glb": lambda path: write_instances(path, 385),
     "ends_by_SIGABRT.usdc": lambda path: damage_clip(path, 96),
     "ends_by_SIGSEGV.abc": lambda path: damage_clip(path, 872),
 }

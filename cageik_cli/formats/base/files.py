@@ -29,8 +29,9 @@ MAX_UNPACKED_RATIO = 40
 MIN_UNPACKED_LIMIT = 1 << 20
 """Bytes that may be unpacked in any case."""
 
-MAX_INSTANCED_BYTES = 320 << 20
-"""Memory that meshes and their instances may take in any case; joining them takes as much again."""
+MAX_INSTANCED_BYTES = 160 << 20
+"""Memory that meshes and their instances may take in any case; what joins and describes them takes
+five times as much."""
 
 PART_BYTES = 5000
 """Memory that a part takes besides its arrays: its paths, its transforms and what reads it."""
