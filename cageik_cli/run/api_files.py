@@ -5,7 +5,9 @@ Their keywords are the settings of the command.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
+from os import PathLike
 from pathlib import Path
 from typing import Any, cast
 
@@ -41,9 +43,9 @@ class _Listener(ProgressListener):
 
 
 @check_call
-@takes_settings(ExportSettings, "result")
+@takes_settings(ExportSettings)
 def export(
-    results: FilePath | Result | Edit,
+    results: FilePath | Result | Edit | Sequence[FilePath | Result | Edit],
     output: FilePath,
     *,
     progress: ReportProgress | None = None,
@@ -53,8 +55,9 @@ def export(
 
     Parameters
     ----------
-    results : path, Result or Edit
-        The result whose cages are written.
+    results : path, Result or Edit, or a sequence of them
+        The result whose cages are written; with `skeleton=True`, several of one rest pose, cage and
+        weights are the animations of one model.
     output : path
         Its suffix is the format: a file (.npz, .pc2, .mdd, .glb, .usd*, .abc), a folder of frames,
         or numbered files in a folder, such as `cage/cage_####.obj`.
@@ -83,7 +86,10 @@ def export(
     (48, 'joints that move 1 570 vertices')
     """
     listener = _Listener(progress)
-    made = make_settings(ExportSettings, settings, result=_name_file(results), output=output)
+    if isinstance(results, str | PathLike | Result | Edit):
+        results = [results]
+    named = tuple(map(_name_file, results))
+    made = make_settings(ExportSettings, settings, results=named, output=output)
     check_no_overlap(made.outputs(), made.inputs())
     return replace(export_run.export(made, listener), notes=tuple(listener.notes))
 

@@ -33,7 +33,7 @@ from cageik_cli.method.pose.settings import PosingSettings
 from cageik_cli.method.solve.settings import LEAST_SQUARES, SolveSettings
 from cageik_cli.method.weights.settings import BindSettings
 from cageik_cli.util.errors import SettingError
-from cageik_cli.util.messages import Hint, say
+from cageik_cli.util.messages import Hint, Text, say
 from cageik_cli.util.settings import (
     HelpGroup,
     declare_group,
@@ -403,7 +403,7 @@ class DeformSettings(CommandSettings):
         CommandSettings.__post_init__(self)
         if self.cages is None:
             self._check_no_clip()
-        words = "`morphs=`, `tolerance=` and `has_normals=`"
+        words = say("`morphs=`, `tolerance=` and `has_normals=`")
         _check_morphs(words, self.morphs != MorphSettings(has_normals=True), self.output)
         if self.texture != "png" and self.output.path.suffix.lower() != ".vat":
             raise SettingError(
@@ -497,11 +497,16 @@ class ExportSettings(CommandSettings):
 
     def __post_init__(self) -> None:
         CommandSettings.__post_init__(self)
+        if not self.results:
+            raise SettingError(say("`results=`") + " names no result; name at least one")
         if self.morphs.morphs is not None and self.skeleton:
-            message = "does not go with `skeleton=True`, which has none; give `influences=`"
-            raise SettingError(say("`morphs=` " + message))
+            raise SettingError(
+                say(
+                    "`morphs=` does not go with `skeleton=True`, which has none; give `influences=`"
+                )
+            )
         has_morphs = self.morphs != MorphSettings()
-        _check_morphs("`morphs=` and `tolerance=`", has_morphs, self.output)
+        _check_morphs(say("`morphs=` and `tolerance=`"), has_morphs, self.output)
 
     def outputs(self) -> list[Path]:
         """Return what is written; one file of a format of frames is that of the rest cage."""
@@ -517,11 +522,11 @@ class ExportSettings(CommandSettings):
         return is_frame and not names_parts(output.path)
 
 
-def _check_morphs(words: str, is_given: bool, output: "Output") -> None:
+def _check_morphs(words: Text, is_given: bool, output: "Output") -> None:
     """Refuse settings of morph targets for another format; `words` name them."""
     if is_given and output.path.suffix.lower() != ".glb":
         raise SettingError(
-            say(words)
+            words
             + f" apply to .glb files, and the output is {output.path}; leave them out, or write "
             ".glb"
         )

@@ -358,8 +358,8 @@ WRONG = {
         "--markdown - --junit -": "--junit and --markdown",
     },
     "export": {
-        "cages.h5": "'OUT'",
-        "": "'RESULT'",
+        "cages.h5": "'RESULTS...'",
+        "": "'RESULTS...'",
         "cages.h5 c --format stl": "'stl'",
         "cages.h5 c.npz --fps 0": "0 frames per second",
         "cages.h5 c.npz --up-axis X": "'X'",

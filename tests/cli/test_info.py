@@ -99,7 +99,7 @@ def test_a_clip_tells_its_scene_and_its_notes(run, folder, animation):
     np.savez("clip.npz", v=animation.frames, f=animation.rest.faces, fps=30.0, up_axis="up")
     _, rows = rows_of(run("info", "clip.npz"))
     assert rows["scene"] == "30 frames per second"
-    assert rows["note"].startswith("clip.npz: ignored `up_axis`: the up axis is up")
+    assert rows["note"].startswith("clip.npz: ignored `up_axis`: `up_axis=` is 'up'")
 
 
 def test_several_clips_are_listed(run, folder, animation):

@@ -382,13 +382,13 @@ class SceneReader(ClipFile):
         return join_meshes(meshes, list(self._meshes), transforms)
 
 
-def try_scene(module: str, path: str, member: str | None, exclude: tuple[str, ...]) -> str | None:
+def try_scene(module: str, path: str, member: str | None, exclude: Sequence[str]) -> str | None:
     """Read a file with the reader of a module; return what its library says of the first frame.
 
     It may say so for lack of memory, in a trial. Other frames are read for `MAX_TRIED_SECONDS`.
     """
     trials.allow(Path(path).stat().st_size)
-    request = ClipRequest((Path(path),), member, settings=ClipSettings(exclude=exclude))
+    request = ClipRequest((Path(path),), member, settings=ClipSettings(exclude=tuple(exclude)))
     try:
         reader = import_module(module).Reader(request)
     except LibraryError as error:

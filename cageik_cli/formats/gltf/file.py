@@ -223,7 +223,7 @@ def read_rounded(values: NDArray[Any]) -> Floats:
 def describe_excess(size: int) -> Text:
     """Return the message of a file of `size` bytes, which is too large."""
     return f"it would take {size / 2**30:.1f} GiB, and a .glb holds less than 4 GiB; " + say(
-        "give a lower `count=`, or fewer frames, or write .usdc or .abc"
+        "give a lower `morphs=`, or fewer frames, or write .usdc or .abc"
     )
 
 

@@ -115,7 +115,7 @@ def test_hints_that_cannot_be_are_noted_and_others_passed_by(opened):
     assert sequence.scene == SceneHints()
     assert texts(sequence.notes) == (
         "clip.npz: ignored `fps`: 0 frames per second, expected a number above zero",
-        "clip.npz: ignored `up_axis`: the up axis is up, expected Y or Z",
+        "clip.npz: ignored `up_axis`: `up_axis=` is 'up', expected one of Y, Z",
     )
     assert opened(verts=FRAMES, faces=FACES, fps=np.array(None)).scene == SceneHints()
 
