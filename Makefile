@@ -9,6 +9,7 @@ PLAIN  := $(VENV)/.installed
 READY  := $(VENV)/.ready
 KERNEL := $(wildcard cageik_cli/kernel/*)
 OUT    ?= out
+DIST   := $(OUT)/dist
 
 PYTHON311     ?= python3.11
 BLENDER_VENV  ?= .venv-blender
@@ -34,7 +35,7 @@ PURE_TESTS    := tests/method tests/captured tests/fit tests/formats/obj tests/f
 SCRIPT_TYPES  := --ignoreConfig --allowJs --checkJs --noEmit --strict false --target es2022 --lib es2022,dom,dom.iterable
 KERNEL_TESTS  := tests/method/weights/bem tests/method/weights/test_harmonic.py tests/formats/obj tests/formats/test_fuzz_readers.py tests/geometry/test_surface.py tests/report/render/test_raster.py tests/method/solve/test_compiled_frames.py tests/method/solve/test_summary.py
 
-.PHONY: help run test test-slow test-all test-pure test-oldest sanitize test-blender test-gltf test-browser check check-script format fuzz faults bench growth latency docs fixtures view-pictures clean
+.PHONY: help run test test-slow test-all test-pure test-oldest sanitize test-blender test-gltf test-browser check check-script format fuzz faults bench growth latency dist docs fixtures view-pictures clean
 
 help:  ## Show the targets
 	@sed -n 's/^\([a-z-]*\):.*## /\1	/p' $(MAKEFILE_LIST) | expand -t 14
@@ -168,6 +169,18 @@ growth: $(READY)  ## Measure how a bind grows with cage and model (takes minutes
 latency: $(READY)  ## Measure how long a move of anchors takes over the size of the model
 	@mkdir -p $(OUT)
 	$(BIN)/python -m tests.benchmarks.latency $(OUT)/latency.png
+
+# The wheel is built from the source distribution, and tried by itself: -I keeps this folder off the path.
+dist:  ## Build the distributions, and try the wheel in an environment of its own
+	rm -rf dist $(DIST)
+	$(PYTHON) -m venv $(DIST)/tools
+	$(DIST)/tools/bin/python -m pip install --quiet --disable-pip-version-check build twine uv
+	$(DIST)/tools/bin/python -m build --outdir dist
+	$(DIST)/tools/bin/twine check --strict dist/*
+	$(PYTHON) -m venv $(DIST)/bare
+	$(DIST)/bare/bin/python -m pip install --quiet --disable-pip-version-check dist/*.whl
+	cd $(DIST) && bare/bin/python -I $(CURDIR)/tests/dist_smoke.py $(CURDIR)
+	cd $(DIST) && tools/bin/uvx --from $(CURDIR)/dist/*.whl cageik --version
 
 docs: $(READY)  ## Build the documentation site, strictly
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[docs]'
