@@ -74,15 +74,18 @@ class JointTree:
             labels[labels == merged] = kept
         return np.unique(labels, return_inverse=True)[1]
 
-    def group_limbs(self, joints: Integers | None = None) -> Integers | None:
+    def group_limbs(
+        self, joints: Integers | None = None, count: int | None = None
+    ) -> Integers | None:
         """Return the limb of each of N joints, (N,); None if there are too few.
 
-        `joints`, (n,), is a cut through the tree; all joints if absent.
+        `joints`, (n,), is a cut through the tree; all joints if absent. There are `count` limbs, or
+        those of `count_limbs`.
         """
         held = np.arange(self.count) if joints is None else joints
         first = np.unique(held, return_index=True)[1]
-        count = min(MAX_LIMBS, len(first) // MIN_JOINTS_PER_LIMB)
-        return self.cut(count)[first] if count > 1 else None  # a limb has whole joints
+        count = count or count_limbs(len(first))
+        return self.cut(count)[first] if count else None  # a limb has whole joints
 
     def _merge_all(self, edges: set[tuple[int, int]]) -> list[tuple[int, int]]:
         """Merge until one joint is left; the larger number of each pair becomes the smaller."""
@@ -128,6 +131,22 @@ class JointTree:
         values[..., 2] *= np.sign(np.linalg.det(cross))
         cost = spread + moved_spread - 2 * values.sum(axis=2)
         return np.asarray((cost + COMPACTNESS * spread).sum(axis=1))
+
+
+def count_limbs(count: int) -> int:
+    """Return how many limbs `count` joints are grouped in, at most; 0 if they are too few."""
+    limbs = min(MAX_LIMBS, count // MIN_JOINTS_PER_LIMB)
+    return limbs if limbs > 1 else 0
+
+
+def split_budget(budget: int, count: int, heads: int) -> tuple[int, int]:
+    """Return how many of `budget` joints turn with the mesh, and how many are limbs.
+
+    The cage has `count` vertices; `heads` joints are above all. Limbs make room first, as they add
+    nothing to what the mesh can do; only then are joints merged.
+    """
+    turning = min(count, budget - heads)
+    return turning, budget - heads - turning
 
 
 def merge_joints(binding: Binding, joints: Integers) -> Binding:

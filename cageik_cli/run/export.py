@@ -160,6 +160,7 @@ def _write_skeleton(
         influences=settings.influences,
         name=name,
         joints=settings.joints,
+        heads=_count_heads(settings),
         is_shaded=True,
         compares=settings.compares,
         input_rms=measure_rms(results),
@@ -201,7 +202,8 @@ def _write_skeleton(
         summary = write_converted(
             settings.output, settings.to, animation, places, progress, make_writer
         )
-    return replace(summary, unit=moved + (f", in {len(results)} clips" if named else ""))
+    unit = moved + (f", in {len(results)} clips" if named else "")
+    return replace(summary, vertex_count=rig.joint_count, unit=unit)
 
 
 def _plan_layers(settings: ExportSettings, results: Sequence[StoredAnimation]) -> list[Output]:
@@ -333,7 +335,7 @@ def _read_skeleton(
 ) -> list[Reconstruction]:
     """Read what a skin is to follow; refuse what cannot be skinned."""
     result = results[0]
-    check_rig(result, settings.influences, settings.joints)
+    check_rig(result, settings.influences, settings.joints, _count_heads(settings))
     clips = read_clips(results, "a skeleton")
     binding = clips[0].binding
     is_kept = settings.influences is None and not isinstance(settings.joints, int)
@@ -344,6 +346,11 @@ def _read_skeleton(
             + say("give `influences=8`")
         )
     return clips
+
+
+def _count_heads(settings: ExportSettings) -> int:
+    """Return how many joints are above the limbs: the root, and the body."""
+    return 2 if settings.root_motion == "extract" else 1
 
 
 def check_export(settings: ExportSettings) -> None:

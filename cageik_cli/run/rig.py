@@ -12,6 +12,7 @@ import numpy as np
 from cageik_cli.fit.fit import Fitter
 from cageik_cli.fit.settings import DEFAULT_STRENGTH, FitSettings
 from cageik_cli.formats.base.skeleton import (
+    MIN_WEIGHT,
     Skin,
     SkinWeights,
     compute_skin_weights,
@@ -31,7 +32,7 @@ from cageik_cli.method.weights.binding import (
 )
 from cageik_cli.rigs.joints import JointPoses, JointSolver, NormalAngles
 from cageik_cli.rigs.jumps import follow_frames
-from cageik_cli.rigs.merging import MIN_JOINTS, MIN_JOINTS_PER_LIMB
+from cageik_cli.rigs.merging import MIN_JOINTS, count_limbs, split_budget
 from cageik_cli.rigs.skinning import compare_roughness, group_joints, limit_influences
 from cageik_cli.store.cache import Entry, EntryCache, compute_rig_key, find_rig
 from cageik_cli.store.result import Result, StoredAnimation
@@ -40,13 +41,13 @@ from cageik_cli.util.errors import FileAccessError, FormatError, SettingError, e
 from cageik_cli.util.messages import Hint
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.util.settings import DEFAULT_MEMORY
-from cageik_cli.util.text import format_bytes, group_digits
+from cageik_cli.util.text import format_bytes, format_count, group_digits
 from cageik_cli.util.threads import limit_blas_threads
 
 Pose = Callable[[Iterator[JointPoses]], Iterator[JointPoses]]
 """Poses the joints of a skin for all frames of the reconstruction, block by block."""
 
-RIG_VERSION = 3
+RIG_VERSION = 4
 """Raise it when skins or their figures change, so that kept ones are not used."""
 
 FRAMES_PER_RIG_BLOCK = 4 * FRAMES_PER_PRODUCT
@@ -98,6 +99,9 @@ class Rig:
         fitted again. None where they were not.
     jumps : (k, 2) int64
         Frames, and joints that jump from the frame before.
+    heads : int
+        Joints above all others in a file: the root, and the body if the root is extracted. 0
+        where joints are not counted.
     """
 
     skin: Skin
@@ -112,6 +116,7 @@ class Rig:
     posed: tuple[JointPoses, ...] | None = None
     roughness: float | None = None
     jumps: Integers = field(default_factory=lambda: np.empty((0, 2), np.int64))
+    heads: int = 0
 
     def stream(self, turns: bool) -> tuple[Skin, Iterator[Floats]]:
         """Return the skin, and the places of its joints, (k, n, 3), in blocks of all frames.
@@ -127,6 +132,11 @@ class Rig:
         return skin, (block.cages for block in blocks)
 
     @property
+    def joint_count(self) -> int:
+        """How many joints a file has."""
+        return self.heads + self.skin.limb_count + len(self.cage.vertices)
+
+    @property
     def figures(self) -> str:
         """The errors, in a few characters."""
         return f"{self.rms:.2g}, {self.largest:.2g} %"
@@ -134,11 +144,11 @@ class Rig:
     @property
     def line(self) -> str:
         """What it costs, for a comparison: errors, normals, and bytes of what is written."""
-        joints, weights = len(self.cage.vertices), self.skin.weights.joints.shape[1]
-        size = count_skin_bytes(self.skin, joints)
+        weights = self.skin.weights.joints.shape[1]
+        size = count_skin_bytes(self.skin, len(self.cage.vertices))
         normals = "" if self.angles is None else f", normals {self.angles[0]:.2g} degrees off"
         return (
-            f"{joints} joints, {weights} influences: {self.rms:.2g} %, largest "
+            f"{self.joint_count} joints, {weights} influences: {self.rms:.2g} %, largest "
             f"{self.largest:.2g} %{normals}, about {format_bytes(size)}"
         )
 
@@ -146,13 +156,22 @@ class Rig:
     def message(self) -> str:
         """A sentence for the user."""
         clauses = [f"up to {self.skin.weights.joints.shape[1]} influences per vertex"]
-        if self.skin.cage_joints is not None:
-            clauses[0] = f"{len(self.cage.vertices)} joints, {clauses[0]}"
+        if self.heads:
+            clauses.insert(0, f"{group_digits(self.joint_count)} joints ({self._kinds})")
         clauses.append(self._describe_errors(self.rms, self.largest, self.total))
         if self.angles is not None:
             shaded = "normals are {:.2g} degrees off (rms), 1 % of them more than {:.2g}"
             clauses.append(shaded.format(*(round(angle, 2) for angle in self.angles)))
         return "; ".join(clauses)
+
+    @property
+    def _kinds(self) -> str:
+        """How many joints of a file are of which kind."""
+        kinds = ["root", "body"][: self.heads]
+        if self.skin.limb_count:
+            kinds.append(format_count(self.skin.limb_count, "limb"))
+        own = group_digits(len(self.cage.vertices))
+        return ", ".join([*kinds, f"{own} that move the mesh"])
 
     def describe_clip(self, frames: slice, input_rms: float | None) -> tuple[float | None, str]:
         """Return the total of a clip, as of `total`, which is some of the frames; and a sentence.
@@ -193,6 +212,7 @@ def make_rig(
     influences: int | None,
     name: str,
     joints: str | int = "turn",
+    heads: int = 1,
     is_shaded: bool = False,
     compares: bool = False,
     input_rms: float | None = None,
@@ -212,7 +232,10 @@ def make_rig(
     name : str
         What the note on the error is about.
     joints : str or int
-        One of `JOINT_MOTIONS`, or how many joints that turn those of the cage are merged into.
+        One of `JOINT_MOTIONS`, or how many joints a file has, which turn. Those of the cage are
+        merged if they are more.
+    heads : int
+        How many of these are above the limbs: the root, and the body if the root is extracted.
     is_shaded : bool
         Whether the skin itself is written, with normals, which joints that turn take along: the
         note says how far off. Its joints are in limbs.
@@ -231,6 +254,7 @@ def make_rig(
             _RigFit,
             target,
             seams,
+            heads=heads,
             is_shaded=is_shaded,
             solve=_read_solve_settings(result),
             memory=memory,
@@ -270,7 +294,7 @@ def _compare(
     progress.note("influences", f"rms and largest error: {'; '.join(texts)}")
     for fewer in (n // 2, n // 4) if isinstance(joints, int) and n >= 16 else ():
         for count in COMPARED_INFLUENCES[:2]:
-            if count <= fewer:
+            if count <= fewer - rig.heads:
                 progress.note("joints", fit_rig(count, fewer).line)
 
 
@@ -286,6 +310,7 @@ class _RigFit:
         seams: Seams | None,
         progress: ProgressListener,
         *,
+        heads: int,
         is_shaded: bool,
         solve: SolveSettings,
         memory: int,
@@ -294,7 +319,7 @@ class _RigFit:
     ) -> None:
         self._target, self._seams = target, seams
         self._welded = target if seams is None else _weld(target, seams)
-        self._progress, self._is_shaded = progress, is_shaded
+        self._progress, self._heads, self._is_shaded = progress, heads, is_shaded
         self._solve, self._memory, self._jobs, self._cache = solve, memory, jobs, cache
 
     def find(self, influences: int | None, joints: str | int) -> Rig:
@@ -302,6 +327,12 @@ class _RigFit:
 
         Few weights that the target has are made for joints that only translate.
         """
+        rig = self._find(influences, joints)
+        skin = replace(rig.skin, has_limb_joints=self._split(joints)[1] != 0)
+        is_counted = self._is_shaded or isinstance(joints, int)
+        return replace(rig, skin=skin, heads=self._heads if is_counted else 0)
+
+    def _find(self, influences: int | None, joints: str | int) -> Rig:
         target = self._target
         if keeps_weights(self._welded.binding, influences, joints):
             with self._progress.stage("pose"):
@@ -312,6 +343,7 @@ class _RigFit:
             "rig": RIG_VERSION,
             "influences": influences,
             "joints": joints,
+            "heads": self._heads,
             "shaded": self._is_shaded,
             "solve": asdict(self._solve),
             "memory": self._memory,
@@ -338,13 +370,14 @@ class _RigFit:
         """Fit the weights, pose the joints in all frames, and measure how far they are."""
         welded, progress = self._welded, self._progress
         binding, turns = welded.binding, joints != "translate"
-        if influences is None and isinstance(joints, int):
-            influences = min(DEFAULT_INFLUENCES, joints)
+        turning, limb_count = self._split(joints)
+        if isinstance(joints, int):
+            influences = min(influences or DEFAULT_INFLUENCES, turning)
         if influences is None and binding.has_offsets:
-            influences = _count_influences(binding)
+            influences = count_influences(binding)
         with error_context("few influences, with the alpha and beta of the result"):
             held, labels, limbs, roughness = binding, None, None, None
-            is_grouped = self._is_shaded and len(binding.cage.vertices) >= 2 * MIN_JOINTS_PER_LIMB
+            is_grouped = self._is_shaded and count_limbs(turning) > 0
             needs_tree = turns and (is_grouped or isinstance(joints, int))
             with progress.stage("fit"):
                 if influences is not None or needs_tree:
@@ -355,8 +388,8 @@ class _RigFit:
                     sample = fitter.sample([welded])
                     if needs_tree:
                         tree = group_joints(fitter.cage_solve, sample.target)
-                        labels = tree.cut(joints) if isinstance(joints, int) else None
-                        limbs = tree.group_limbs(labels)
+                        labels = tree.cut(turning) if isinstance(joints, int) else None
+                        limbs = tree.group_limbs(labels, limb_count)
                     if influences is not None:
                         alternator = fitter.make_alternator(sample, DEFAULT_STRENGTH)
                         held = limit_influences(
@@ -372,6 +405,13 @@ class _RigFit:
                 rig = _measure_rig(self._target, held.cage, weights, pose, is_shaded=is_shaded)
             skin = replace(rig.skin, cage_joints=labels, limbs=limbs)
             return replace(rig, skin=skin, roughness=roughness)
+
+    def _split(self, joints: str | int) -> tuple[int, int | None]:
+        """Return how many joints move the mesh, and how many limbs are joints; None for all."""
+        count = len(self._welded.binding.cage.vertices)
+        if not isinstance(joints, int):
+            return count, None
+        return split_budget(joints, count, self._heads)
 
     def _make_pose(self, cage: TriMesh, weights: SkinWeights, turns: bool) -> Pose:
         """Return what poses joints; its system is factored for the first frames.
@@ -469,14 +509,21 @@ def keeps_weights(binding: Binding, influences: int | None, joints: str | int) -
     return joints == "translate" and is_held
 
 
-def check_rig(result: StoredAnimation, influences: int | None, joints: str | int) -> None:
-    """Refuse too few joints, and more joints or influences than a cage has vertices."""
+def check_rig(
+    result: StoredAnimation, influences: int | None, joints: str | int, heads: int = 1
+) -> None:
+    """Refuse fewer or more joints than a skeleton can have, and more influences than vertices.
+
+    The vertices are those of the cage; `heads` of the joints are above the limbs.
+    """
     n = len(result.cage.vertices)
-    if isinstance(joints, int) and not MIN_JOINTS <= joints <= n:
+    least, most = heads + MIN_JOINTS, heads + count_limbs(n) + n
+    if isinstance(joints, int) and not least <= joints <= most:
         raise SettingError(
             f"{result.path}: "
             + Hint("joints", joints)
-            + f", but the cage has {group_digits(n)} vertices; give {MIN_JOINTS} to {n}"
+            + f", and the skeleton of a cage of {group_digits(n)} vertices has {least} joints at "
+            f"least and {most} at most; give {least} to {most}"
         )
     if influences is not None and influences > n:
         raise SettingError(
@@ -541,12 +588,12 @@ def _take_rows(weights: SkinWeights, rows: Integers) -> SkinWeights:
 
 def _has_few(binding: Binding, count: int) -> bool:
     """Return whether weights have at most `count` influences, and are made for that."""
-    return binding.has_offsets and _count_influences(binding) <= count
+    return binding.has_offsets and count_influences(binding) <= count
 
 
-def _count_influences(binding: Binding) -> int:
-    """Return how many weights above zero a vertex has, at most."""
-    return int((binding.weights > 0).sum(axis=1).max())
+def count_influences(binding: Binding) -> int:
+    """Return how many weights a vertex has that a skin keeps, at most."""
+    return int((binding.weights >= MIN_WEIGHT).sum(axis=1).max())
 
 
 def _keep_weights(target: Reconstruction) -> Rig:

@@ -381,7 +381,7 @@ class DeformSettings(CommandSettings):
     joints: str | int = declare_setting(
         "turn",
         "With --influences: move the mesh by joints that turn, by joints that only translate, "
-        "or by N that turn.",
+        "or by as many that turn as export --skeleton --joints N writes.",
         kind="joints",
         metavar="turn|translate|N",
         needs="influences",
@@ -463,7 +463,7 @@ class ExportSettings(CommandSettings):
     joints: str | int = declare_setting(
         "turn",
         "Joints that turn, which programs shade rightly, or that only translate: one per cage "
-        "vertex. Or N that turn, into which those are merged; with 4 influences if none are given.",
+        "vertex. Or N joints in the file, which turn; with 4 influences if none are given.",
         kind="joints",
         metavar="turn|translate|N",
         needs="skeleton",

@@ -112,7 +112,9 @@ class Skin:
     cage_joints : (c,) int64, optional
         Which of the n joints each vertex of the cage has become; its own if absent.
     limbs : (n,) int64, optional
-        Which limb, a part of the body, each joint is of; all are below the root if absent.
+        Which limb, a part of the body, each joint is of, and is named by.
+    has_limb_joints : bool
+        Whether limbs are joints, above their own; without, all are below the root.
     error : float, optional
         The largest that the rms distance of the mesh from the input can be, percent of the
         diagonal of the rest pose; None where that is not known.
@@ -124,7 +126,13 @@ class Skin:
     turns: Iterable[Floats] | None = None
     cage_joints: Integers | None = None
     limbs: Integers | None = None
+    has_limb_joints: bool = True
     error: float | None = None
+
+    @property
+    def limb_count(self) -> int:
+        """How many limbs are joints."""
+        return int(self.limbs.max()) + 1 if self.limbs is not None and self.has_limb_joints else 0
 
 
 def count_skin_bytes(skin: Skin, joint_count: int) -> int:
@@ -132,7 +140,7 @@ def count_skin_bytes(skin: Skin, joint_count: int) -> int:
 
     Weights are in sets of four, joints are named by 16 bits.
     """
-    joint_count += 1 if skin.limbs is None else 2 + int(skin.limbs.max())  # the root, and limbs
+    joint_count += 1 + skin.limb_count  # the root, and limbs
     sets = -(-skin.weights.joints.shape[1] // 4)
     surface = (24 + sets * 4 * (4 + 2)) * len(skin.rest.vertices) + 12 * len(skin.rest.faces)
     return int(surface + joint_count * (JOINT_TEXT_BYTES + 28 * len(skin.rotations)))
@@ -143,7 +151,7 @@ class Skeleton:
 
     The root is in the mean of the joints, and turns as the whole does. If it is `extracted`, it is
     on the ground below that, moves along it and turns about the vertical only, and a joint `body`
-    has the rest of the motion. If the skin has limbs, each is a joint in the mean of its own
+    has the rest of the motion. If limbs are joints, each is in the mean of its own
     joints, and turns as these do on average. A skin of weights S then gives
 
         S c + (X − S C) R,
@@ -175,13 +183,13 @@ class Skeleton:
         self._skin, self._up, self._is_extracted = skin, "XYZ".index(up_axis), is_extracted
         self._floor = float(skin.rest.vertices[skin.rest.used_vertices, self._up].min())
         count, labels = len(places), skin.limbs
-        self._members = [] if labels is None else [labels == k for k in range(labels.max() + 1)]
+        self._members = [labels == k for k in range(skin.limb_count)]
         heads = ["root", "body"] if is_extracted else ["root"]
         last = len(heads) - 1
         self.lead = len(heads) + len(self._members)
-        above = np.full(count, last) if labels is None else len(heads) + labels
+        above = len(heads) + labels if self._members and labels is not None else last
         middle = np.full(len(self._members), last)
-        self.parents = np.concatenate([np.arange(-1, last), middle, above])
+        self.parents = np.concatenate([np.arange(-1, last), middle, np.full(count, above)])
         self.aliases = [*[""] * self.lead, *_list_aliases(skin, count)]
         own = self.aliases[self.lead :]
         if skin.turns is not None:
@@ -190,7 +198,7 @@ class Skeleton:
             limb_names, own = name_joints(places, limbs, owners, skin.rest, up_axis)
             if labels is None:
                 own = limb_names
-            else:
+            elif self._members:
                 heads += limb_names
         self.names = number_names([*heads, *own])
         self.turn_count = self.lead if skin.turns is None else len(self.names)
