@@ -3,6 +3,7 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 
@@ -34,9 +35,18 @@ from cageik_cli.formats.write import (
 from cageik_cli.geometry.parts import join_meshes, split_parts
 from cageik_cli.inputs.caged_model import CagedModel, report_skipped_frames
 from cageik_cli.inputs.reconstruction import Reconstruction
+from cageik_cli.method.weights.binding import Binding
 from cageik_cli.rigs.jumps import MIN_TURN
 from cageik_cli.run.clips import find_inputs, join_clips, measure_rms, name_clips, read_clips
-from cageik_cli.run.rig import Rig, check_rig, keeps_weights, make_rig, measure_input_rms
+from cageik_cli.run.rig import (
+    DEFAULT_INFLUENCES,
+    Rig,
+    check_rig,
+    count_influences,
+    keeps_weights,
+    make_rig,
+    measure_input_rms,
+)
 from cageik_cli.run.settings import ExportSettings
 from cageik_cli.store.result import StoredAnimation, read_animation, read_cages
 from cageik_cli.util.arrays import Floats, Integers, count_frames, cut_blocks
@@ -49,6 +59,10 @@ from cageik_cli.util.threads import count_processors, limit_blas_threads
 
 MAX_EXPORT_BYTES = 1 << 26
 """Bytes of a block of cages, at most."""
+
+MAX_CUT_WEIGHT = 0.05
+"""Weights below zero of a vertex sum to this at most where they are cut off: those of inexact
+harmonic weights do, and hardly change the mesh."""
 
 
 def export(settings: ExportSettings, progress: ProgressListener | None = None) -> ExportSummary:
@@ -149,15 +163,19 @@ def _write_skeleton(
     The animation is that of the first result.
     """
     result, name, jobs = results[0], settings.output.path.name, count_processors()
-    layers = _plan_layers(settings, results)
+    layers, influences = _plan_layers(settings, results), settings.influences
     clips: Sequence[Reconstruction] = _read_skeleton(results, settings)
-    if not keeps_weights(clips[0].binding, settings.influences, settings.joints):
-        clips = find_inputs(results, clips, name, progress, jobs)
+    if influences is None and not isinstance(settings.joints, int):
+        fault = _find_fault(clips[0].binding, settings.output.path)
+        if fault:
+            name, influences = f"{name}: weights are fitted again, as {fault}", DEFAULT_INFLUENCES
+    if not keeps_weights(clips[0].binding, influences, settings.joints):
+        clips = find_inputs(results, clips, settings.output.path.name, progress, jobs)
     rig = make_rig(
         result,
         join_clips(clips),
         progress,
-        influences=settings.influences,
+        influences=influences,
         name=name,
         joints=settings.joints,
         heads=_count_heads(settings),
@@ -184,7 +202,8 @@ def _write_skeleton(
     if layers:
         with limit_blas_threads(1):
             summary = _write_layers(settings, layers, animation, skin, places, progress)
-        return replace(summary, unit=f"{moved}, in {len(layers)} clips")
+        unit = f"{moved}, in {len(layers)} clips"
+        return replace(summary, vertex_count=rig.joint_count, unit=unit)
     if settings.output.path.suffix.lower() in GltfSkeletonWriter.suffixes:
         make_writer: WriterFactory = partial(
             GltfSkeletonWriter,
@@ -336,21 +355,23 @@ def _read_skeleton(
     """Read what a skin is to follow; refuse what cannot be skinned."""
     result = results[0]
     check_rig(result, settings.influences, settings.joints, _count_heads(settings))
-    clips = read_clips(results, "a skeleton")
-    binding = clips[0].binding
-    is_kept = settings.influences is None and not isinstance(settings.joints, int)
-    if is_kept and result.fit is not None and not binding.has_offsets:
-        raise SettingError(
-            f"{result.path}: its weights are fitted, and negative in places (down to "
-            f"{binding.weights.min():.2g}), which skin weights cannot be; "
-            + say("give `influences=8`")
-        )
-    return clips
+    return read_clips(results, "a skeleton")
 
 
 def _count_heads(settings: ExportSettings) -> int:
     """Return how many joints are above the limbs: the root, and the body."""
     return 2 if settings.root_motion == "extract" else 1
+
+
+def _find_fault(binding: Binding, path: Path) -> str:
+    """Return why weights cannot be written as they are; empty if they can."""
+    cut = -np.minimum(binding.weights, 0).sum(axis=1).min()
+    if cut > MAX_CUT_WEIGHT:
+        return f"those of the result are negative in places (down to {binding.weights.min():.2g})"
+    count = count_influences(binding)
+    if path.suffix.lower() in GltfSkeletonWriter.suffixes and count > MAX_INFLUENCES:
+        return f"up to {count} joints move a vertex, of which programs read {MAX_INFLUENCES}"
+    return ""
 
 
 def check_export(settings: ExportSettings) -> None:

@@ -456,7 +456,7 @@ class ExportSettings(CommandSettings):
     influences: int | None = declare_setting(
         None,
         "Fit the weights again, with at most this number of joints per vertex.",
-        unset="the weights of the result",
+        unset="the weights of the result, or 4 where the file cannot hold them",
         minimum=1,
         needs="skeleton",
     )

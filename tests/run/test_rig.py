@@ -158,15 +158,6 @@ def test_the_same_result_gives_the_same_bytes_whatever_the_threads(run, folder, 
     assert Path("1.usdc").read_bytes() == Path("3.usdc").read_bytes()
 
 
-def test_negative_weights_of_a_fit_are_refused_with_a_way_out(run, folder):
-    assert run(*EXTRACT, "--fit").code == 0
-    outcome = run("export", "cages.h5", "c.usdc", "--skeleton")
-    assert outcome.code == 1
-    assert outcome.err.startswith("Error: cages.h5: its weights are fitted")
-    assert "--influences 8" in outcome.err
-    assert not Path("c.usdc").exists()
-
-
 def test_more_influences_than_cage_vertices_are_refused(run, folder):
     assert run(*EXTRACT).code == 0
     words = ("export", "cages.h5", "c.usdc", "--skeleton"), ("deform", "cages.h5", "-o", "c.npz")
