@@ -13,14 +13,19 @@ number of joints is a cut through it: few joints for a budget, and fewer still a
 
 A vertex is counted for its strongest joint alone. On a dancer and 24 joints, weights as shares
 give cuts whose error is 13 % larger.
+
+The parts of a cut are made of whole joints of the cage, which need not end where the motion does.
+So each vertex then goes to the joint whose rigid motion is nearest to its own, and the motions are
+those of the new parts, a few times (Lloyd 1982; Le and Deng 2012, section 3.2).
 """
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 
 import numpy as np
 
 from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.geometry.rotations import nearest_rotations_by_svd
 from cageik_cli.method.weights.binding import Binding
 from cageik_cli.util.arrays import Floats, Integers
 
@@ -29,6 +34,9 @@ COMPACTNESS = 1e-3
 
 MIN_JOINTS = 3
 """Joints of a skin, at least: they have the faces of a mesh."""
+
+REGROUPINGS = 5
+"""Vertices go to the joint that moves as they do so many times; 15 have hardly less error."""
 
 MAX_LIMBS = 12
 """Limbs that joints are grouped in, at most: parts of the body, also a trunk."""
@@ -170,6 +178,46 @@ def merge_joints(binding: Binding, joints: Integers) -> Binding:
     strip = np.arange(count - 2)[:, None] + np.arange(3)
     cage = TriMesh(places, kept if len(kept) else strip)
     return replace(binding, cage=cage, weights=weights, has_offsets=True)
+
+
+def regroup_vertices(
+    binding: Binding, rest: Floats, blocks: Callable[[], Iterable[Floats]], scales: Floats
+) -> Binding:
+    """Return a binding in which each vertex follows the joint that moves as it does by half.
+
+    The other half are the weights before: a joint that is nearest to no vertex keeps some. Joints
+    are in the middle of what is nearest to them. Frames are as of `JointTree`.
+    """
+    n, size = binding.weights.shape[1], float(np.abs(rest).max()) or 1.0
+    x, is_used = rest / size, binding.rest.is_used
+    owners = binding.weights.argmax(axis=1)
+    for _ in range(REGROUPINGS):
+        sums = _sum_moments(np.eye(n)[owners] * is_used[:, None], rest, blocks(), scales)
+        mass = np.maximum(sums[:, :, :1], np.finfo(float).tiny)
+        middle, moved = sums[:, :, 1:4] / mass, sums[:, :, 4:7] / mass
+        cross = sums[:, :, 7:16].reshape(*mass.shape[:2], 3, 3)
+        cross = cross - sums[:, :, 1:4, None] * moved[:, :, None]
+        turns = nearest_rotations_by_svd(cross.reshape(-1, 3, 3)).reshape(cross.shape)
+        shifts = moved - np.einsum("nfa,nfab->nfb", middle, turns)
+        squares = np.square(scales)
+        costs = np.einsum("f,nfb,nfb->n", squares, shifts, shifts)
+        costs = costs + 2 * x @ np.einsum("f,nfab,nfb->an", squares, turns, shifts)
+        done = 0
+        for block in blocks():
+            chosen = slice(done, done + block.shape[1] // 3)
+            done = chosen.stop
+            shares = np.repeat(scales[chosen], 3)
+            places = (block / size + np.tile(x, done - chosen.start) * shares) * shares
+            for axis in range(3):
+                costs -= 2 * x[:, axis, None] * (places @ turns[:, chosen, axis].reshape(n, -1).T)
+            costs -= 2 * places @ shifts[:, chosen].reshape(n, -1).T
+        costs[:, ~sums[:, :, 0].any(axis=1)] = np.inf
+        owners = costs.argmin(axis=1)
+    followers = np.eye(n)[owners] * is_used[:, None]
+    mass = followers.sum(axis=0)[:, None]
+    centres = followers.T @ binding.rest.vertices / np.maximum(mass, 1)
+    cage = binding.cage.move(np.where(mass > 0, centres, binding.cage.vertices))
+    return replace(binding, cage=cage, weights=(np.eye(n)[owners] + binding.weights) / 2)
 
 
 def _sum_moments(weights: Floats, rest: Floats, blocks: Iterable[Floats], scales: Floats) -> Floats:

@@ -23,7 +23,7 @@ from cageik_cli.fit.alternate import Alternator, CageSolve, Influences
 from cageik_cli.fit.problem import ROUNDING_TOL, Displacements, WeightProblem, count_columns
 from cageik_cli.method.weights.binding import Binding
 from cageik_cli.rigs.joints import MAX_ROW_ENTRIES, JointSolver
-from cageik_cli.rigs.merging import JointTree, merge_joints
+from cageik_cli.rigs.merging import JointTree, merge_joints, regroup_vertices
 from cageik_cli.util.arrays import Floats, Integers, Mask
 from cageik_cli.util.threads import OrderedMap
 
@@ -90,7 +90,10 @@ def limit_influences(
     if joints is None:
         held = alternator.fit_influences(moves.columns, cage_solve.binding.weights, count)
     else:
-        held = merge_joints(cage_solve.binding, joints)
+        scales = np.sqrt(target.shares[target.frames])
+        rest = cage_solve.prepare(cage_solve.binding.weights).rest
+        merged = merge_joints(cage_solve.binding, joints)
+        held = regroup_vertices(merged, rest, target.blocks, scales)
         problem = replace(problem, rest_weights=held.weights)
         cage_solve = replace(cage_solve, binding=held)
     form = Influences.from_dense(held.weights, count)

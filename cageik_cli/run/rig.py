@@ -47,7 +47,7 @@ from cageik_cli.util.threads import limit_blas_threads
 Pose = Callable[[Iterator[JointPoses]], Iterator[JointPoses]]
 """Poses the joints of a skin for all frames of the reconstruction, block by block."""
 
-RIG_VERSION = 4
+RIG_VERSION = 5
 """Raise it when skins or their figures change, so that kept ones are not used."""
 
 FRAMES_PER_RIG_BLOCK = 4 * FRAMES_PER_PRODUCT

@@ -7,7 +7,7 @@ from cageik_cli.fit.fit import Fitter
 from cageik_cli.fit.settings import FitSettings
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.method.weights.binding import Binding
-from cageik_cli.rigs.merging import JointTree, merge_joints
+from cageik_cli.rigs.merging import JointTree, merge_joints, regroup_vertices
 from cageik_cli.rigs.skinning import group_joints
 from tests.fitted import Frames, small_binding, smooth_motion
 from tests.shapes import ball, merged, moved, rotation
@@ -84,6 +84,25 @@ def two_bodies():
 def test_bodies_that_move_apart_are_merged_last():
     binding, frames = two_bodies()
     np.testing.assert_array_equal(grow(binding, frames).cut(2), np.repeat([0, 1], 18))
+
+
+@pytest.mark.parametrize("scales", [np.ones(6), np.linspace(0.5, 2, 6)])
+def test_vertices_go_to_the_joint_that_moves_as_they_do(scales):
+    """A third of each ball begins with the joint of the other, and one joint has nothing."""
+    binding, frames = two_bodies()
+    m = len(BALL.rest.vertices)
+    owners = np.repeat([0, 1], m)
+    wrong = owners.copy()
+    wrong[::3] = 1 - wrong[::3]
+    start = Binding(binding.rest, BALL.cage.move(BALL.cage.vertices + 9), np.eye(18)[wrong])
+    columns = displace(frames, binding.rest.vertices) * np.repeat(scales, 3)
+    found = regroup_vertices(
+        start, binding.rest.vertices, lambda: np.split(columns, [6], axis=1), scales
+    )
+    np.testing.assert_array_equal(found.weights, (np.eye(18)[owners] + np.eye(18)[wrong]) / 2)
+    middle = binding.rest.vertices[:m].mean(axis=0)
+    np.testing.assert_allclose(found.cage.vertices[0], middle, rtol=0, atol=1e-12)
+    np.testing.assert_array_equal(found.cage.vertices[2:], start.cage.vertices[2:])
 
 
 def test_a_rigid_clip_has_limbs_that_hang_together():
