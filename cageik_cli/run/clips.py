@@ -15,7 +15,6 @@ from cageik_cli.run.rig import measure_input_rms
 from cageik_cli.store.result import Result, StoredAnimation
 from cageik_cli.util.errors import SettingError
 from cageik_cli.util.messages import Hint, Text, join_texts
-from cageik_cli.util.progress import ProgressListener
 from cageik_cli.util.text import number_names
 
 SHARED_BINDING = "shared_binding.h5"
@@ -57,27 +56,24 @@ def find_inputs(
     results: Sequence[StoredAnimation],
     clips: Sequence[Reconstruction],
     name: str,
-    progress: ProgressListener,
     jobs: int,
-) -> Sequence[Reconstruction]:
+) -> tuple[Sequence[Reconstruction], str]:
     """Return the frames that clean results were extracted from, or the clips if one is not there.
 
-    `name` is what the note on an input that is not there is about.
+    Beside them is a note that one is not there, or "". `name` is what the note is about.
     """
     found: list[Reconstruction] = []
     for result, clip in zip(results, clips, strict=True):
         if not (isinstance(result, Result) and is_clean(result)):
-            return clips
+            return clips, ""
         frames = find_input(result, clip, jobs)
         if frames is None:
-            progress.note(
-                "note",
+            return clips, (
                 f"{name}: the skin follows what the cages give; put the input of "
-                f"{result.path.name} beside it, and it follows that",
+                f"{result.path.name} beside it, and it follows that"
             )
-            return clips
         found.append(frames)
-    return found
+    return found, ""
 
 
 def measure_rms(results: Sequence[StoredAnimation]) -> float | None:

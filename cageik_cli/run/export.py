@@ -169,8 +169,9 @@ def _write_skeleton(
         fault = _find_fault(clips[0].binding, settings.output.path)
         if fault:
             name, influences = f"{name}: weights are fitted again, as {fault}", DEFAULT_INFLUENCES
+    missing = ""
     if not keeps_weights(clips[0].binding, influences, settings.joints):
-        clips = find_inputs(results, clips, settings.output.path.name, progress, jobs)
+        clips, missing = find_inputs(results, clips, settings.output.path.name, jobs)
     rig = make_rig(
         result,
         join_clips(clips),
@@ -185,6 +186,8 @@ def _write_skeleton(
         jobs=jobs,
         cache=settings.cache,
     )
+    if missing:  # after the error: the first note is read
+        progress.note("note", missing)
     named = _describe_clips(settings, results, rig, progress) if len(results) > 1 else ()
     count = sum(len(each.frames) for each in results)
     animation = replace(animation, rest=rig.cage, frame_count=count, clips=named)

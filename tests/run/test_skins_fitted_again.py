@@ -2,6 +2,7 @@
 
 import json
 import re
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -107,6 +108,16 @@ def test_joints_that_translate_keep_to_that(run, make):
     assert f"c.usdc: weights are fitted again, {NEGATIVE}" in said
     assert "27 joints (root, 26 that move the mesh); up to 4 influences per vertex" in said
     assert "degrees off" not in said
+
+
+def test_the_first_note_is_that_weights_are_fitted_again(run, make):
+    """Whatever else is noted: the short output has room for one or two."""
+    make("fitted")
+    shutil.rmtree("frames")
+    outcome = run("export", "cages.h5", "c.usdc", "--skeleton", "-v")
+    notes = [line for line in outcome.err.splitlines() if line.strip().startswith("note")]
+    assert "weights are fitted again" in notes[0]
+    assert any("put the input of cages.h5 beside it" in note for note in notes[1:])
 
 
 def test_weights_that_were_asked_for_need_no_reason(run, make):
