@@ -225,7 +225,7 @@ def test_timings_of_a_batch_are_in_its_junit(run, anim, here):
     times = [float(suite.get("time")) for suite in suites]
     assert len(times) == 3
     assert min(times) > 0
-    assert sum(times) <= seconds["batch"]
+    assert sum(times) < seconds["batch"] + 3 * 0.0005  # they are rounded
     assert run(*BATCH, "--resume", "--timings", "seconds.json").code == 1
     assert run(*BATCH, "--resume").code == 0
     suites = ElementTree.parse("out/junit.xml").getroot()
