@@ -4,6 +4,7 @@ import os
 import re
 import subprocess
 import sys
+import tomllib
 
 import pytest
 import yaml
@@ -100,6 +101,16 @@ def test_the_citation_is_complete():
     assert {"cff-version", "message", "title", "authors"} <= set(content)
     (paper,) = content["references"]
     assert paper["title"].startswith("CageIK")
+
+
+def test_one_version_is_stated_everywhere():
+    """The package states it; the citation and the newest release of the changelog follow."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())
+    assert "version" not in project["project"]
+    assert "version" in project["project"]["dynamic"]
+    assert yaml.safe_load((ROOT / "CITATION.cff").read_text())["version"] == cageik_cli.__version__
+    headings = re.findall(r"^## (.+)$", (ROOT / "CHANGELOG.md").read_text(), re.M)
+    assert headings[:2] == ["Unreleased", cageik_cli.__version__]
 
 
 @pytest.fixture(scope="module")
