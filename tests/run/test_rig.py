@@ -283,7 +283,7 @@ def test_projected_vertices_start_where_the_cage_has_them(run, folder, animation
 def test_fewer_joints_move_as_the_rig_does(run, folder, fit):
     """Four influences are the default then; the note is what the file gives."""
     assert run(*EXTRACT, *fit).code == 0
-    outcome = run("export", "cages.h5", "c.usdc", "--skeleton", "--joints", 6)
+    outcome = run("export", "cages.h5", "c.usdc", "--skeleton", "--joints", 6, "-v")
     assert outcome.code == 0, outcome.err
     note = " ".join(outcome.err.split())
     assert "6 joints (root, 5 that move the mesh); up to 4 influences per vertex" in note

@@ -75,7 +75,7 @@ def measure(path, expected):
 )
 def test_a_skeleton_of_any_result_is_written_and_as_near_as_is_said(run, make, kind, suffix):
     make(kind)
-    outcome = run("export", "cages.h5", f"c{suffix}", "--skeleton")
+    outcome = run("export", "cages.h5", f"c{suffix}", "--skeleton", "-v")
     assert outcome.code == 0, outcome.err
     said = " ".join(outcome.err.split())
     reasons = {NEGATIVE: kind != "harmonic", MANY: kind == "harmonic" and suffix == ".glb"}
