@@ -23,7 +23,7 @@ def test_the_script_goes_from_a_clip_to_a_skinned_file(page_folder, run_process)
     outcome = run_process(str(SCRIPT))
     assert outcome.code == 0, outcome.err
     lines = outcome.out.splitlines()
-    assert "wrote out/waving.glb: 48 frames of 80 joints" in outcome.out
+    assert "wrote out/waving.glb: 48 frames of 93 joints" in outcome.out
     assert lines[-1].startswith("out/waving.glb: exists already; ")
     data = (page_folder / "out/waving.glb").read_bytes()
     size = int.from_bytes(data[12:16], "little")
