@@ -195,18 +195,29 @@ def _write_skeleton(
     conversion = SceneConversion.of_output(animation.scene, settings.to)
     skin = conversion.convert_skin(skin)
     if len(rig.jumps):
-        converted = conversion.convert_animation(animation)
-        joints = Skeleton(converted.rest.vertices, skin, up_axis=converted.scene.up_axis)
+        names = _name_joints(conversion.convert_animation(animation), skin)
         frames = [name for each in results for name in each.frames]
-        text = _describe_jumps(rig.jumps, joints.names[joints.lead :], frames)
+        text = _describe_jumps(rig.jumps, names, frames)
         progress.note("warning", f"{settings.output.path.name}: {text}")
-    is_extracted = settings.root_motion == "extract"
-    moved = f"joints that move {group_digits(len(result.rest.vertices))} vertices"
-    if layers:
-        with limit_blas_threads(1):
+    with limit_blas_threads(1):  # the last digits of the cages depend on it
+        if layers:
             summary = _write_layers(settings, layers, animation, skin, places, progress)
-        unit = f"{moved}, in {len(layers)} clips"
-        return replace(summary, vertex_count=rig.joint_count, unit=unit)
+        else:
+            summary = _write_motion(settings, animation, skin, places, progress)
+    unit = f"joints that move {group_digits(len(result.rest.vertices))} vertices"
+    unit += f", in {len(results)} clips" if named else ""
+    return replace(summary, vertex_count=rig.joint_count, unit=unit)
+
+
+def _write_motion(
+    settings: ExportSettings,
+    animation: Animation,
+    skin: Skin,
+    places: Iterator[Floats],
+    progress: ProgressListener,
+) -> ExportSummary:
+    """Write a skin with its motion, or those of several clips, in one file."""
+    is_extracted = settings.root_motion == "extract"
     if settings.output.path.suffix.lower() in GltfSkeletonWriter.suffixes:
         make_writer: WriterFactory = partial(
             GltfSkeletonWriter,
@@ -220,12 +231,7 @@ def _write_skeleton(
             UsdSkeletonWriter, skin=skin, has_cage=settings.with_model, is_extracted=is_extracted
         )
         animation = replace(animation, guide=animation.name if settings.guide else "")
-    with limit_blas_threads(1):  # the last digits of the cages depend on it
-        summary = write_converted(
-            settings.output, settings.to, animation, places, progress, make_writer
-        )
-    unit = moved + (f", in {len(results)} clips" if named else "")
-    return replace(summary, vertex_count=rig.joint_count, unit=unit)
+    return write_converted(settings.output, settings.to, animation, places, progress, make_writer)
 
 
 def _plan_layers(settings: ExportSettings, results: Sequence[StoredAnimation]) -> list[Output]:
@@ -301,6 +307,12 @@ def _describe_clips(
         progress.note("clip", f"{name}: {frames}; {text}")
         start = stop
     return tuple(clips)
+
+
+def _name_joints(animation: Animation, skin: Skin) -> list[str]:
+    """Return the names that a file gives to the joints that move the mesh."""
+    skeleton = Skeleton(animation.rest.vertices, skin, up_axis=animation.scene.up_axis)
+    return skeleton.names[skeleton.lead :]
 
 
 def _describe_jumps(jumps: Integers, names: Sequence[str], frames: Sequence[str]) -> str:
