@@ -2,6 +2,7 @@
 
 import hashlib
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +24,9 @@ from cageik_cli.editing.handles.schedule import blend_frames
 from cageik_cli.formats.timeline import Timeline, format_frame_number
 from cageik_cli.geometry.mesh import MAX_COORDINATE, TriMesh
 from cageik_cli.geometry.mirror import Mirror
+from cageik_cli.geometry.shape import uniform_laplacian
 from cageik_cli.method.pose.constraints import mirror_pairs
+from cageik_cli.method.pose.rigidity import Cells, Neighbours
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import HandlesError, error_context
 from cageik_cli.util.files import read_input
@@ -48,12 +51,15 @@ class CageEdit:
         Numbers of the frames of full strength, both included; None for all frames.
     falloff : int
         The edit fades over numbers that are this far before and after those.
+    turns : bool
+        Whether the offsets turn with the cage around each vertex, from the rest cage.
     """
 
     name: str
     moves: tuple[tuple[int, Motion], ...]
     frames: tuple[float, float] | None = None
     falloff: int = 0
+    turns: bool = False
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -100,7 +106,8 @@ def _parse_edit(raw: dict[str, Any]) -> CageEdit:
                     raise HandlesError("is moved twice; keep one of the moves")
                 moves[vertex] = parse_motion("offset", move["offset"])
         frames, falloff = parse_frames(raw), int(raw.get("falloff", 0))
-    return CageEdit(raw["name"], tuple(moves.items()), frames, falloff)
+    turns = raw.get("axes") == "surface"
+    return CageEdit(raw["name"], tuple(moves.items()), frames, falloff, turns)
 
 
 class MirrorImage:
@@ -113,10 +120,10 @@ class MirrorImage:
         self._normal, self._rotations = mirror.normal, rotations
         self.partners = mirror_pairs(cage, mirror)
 
-    def reflect(self, moves: Floats, frames: Integers) -> Floats:
-        """Return the mirror images of moves, (k, p, 3), in frames (k,)."""
+    def reflect(self, moves: Floats, frames: Integers, is_at_rest: bool) -> Floats:
+        """Return the mirror images of moves, (k, p, 3), in frames (k,), or all at rest."""
         normals = np.broadcast_to(self._normal, (len(frames), 3))
-        if self._rotations is not None:
+        if self._rotations is not None and not is_at_rest:
             normals = self._normal @ self._rotations[frames]
         heights = (moves * normals[:, None]).sum(axis=2, keepdims=True)
         return np.asarray(moves - 2 * heights * normals[:, None])
@@ -127,8 +134,8 @@ class CageEditLayer:
 
     Parameters
     ----------
-    count : int
-        Number of cage vertices.
+    cage : TriMesh
+        The rest cage.
     timeline : Timeline, optional
         The numbers of the frames of the clip; None for a single pose.
     image : MirrorImage, optional
@@ -150,11 +157,12 @@ class CageEditLayer:
     def __init__(
         self,
         edit: CageEdit,
-        count: int,
+        cage: TriMesh,
         timeline: Timeline | None,
         image: MirrorImage | None = None,
     ) -> None:
-        self.name = edit.name
+        self.name, count = edit.name, len(cage.vertices)
+        self._cage, self._turns = cage, edit.turns
         self.vertices = np.array([vertex for vertex, _ in edit.moves], np.int64)
         self._motions = [motion for _, motion in edit.moves]
         self._timeline = timeline or Timeline(1, 0)
@@ -176,15 +184,22 @@ class CageEditLayer:
             self._is_copied = ~np.isin(partners, self.vertices)
             self.vertices = np.concatenate([self.vertices, partners[self._is_copied]])
 
+    @cached_property
+    def _cells(self) -> Cells:
+        return Cells(Neighbours(uniform_laplacian(self._cage)), self._cage.vertices)
+
     def displacements(self, frames: Integers) -> Floats:
-        """Return the displacements of its vertices in frames (k,), as (k, p, 3)."""
+        """Return the displacements of its vertices in frames (k,), as (k, p, 3).
+
+        Those that turn with the cage are as at rest.
+        """
         strength = blend_frames(frames, self._full_strength, self._falloff)
         numbers = self._timeline.numbers(frames)
         offsets = [motion.evaluate(numbers) for motion in self._motions]
         moves = strength[:, None, None] * np.stack(offsets, axis=1)
         if self._image is None:
             return np.asarray(moves)
-        images = self._image.reflect(moves, frames)
+        images = self._image.reflect(moves, frames, is_at_rest=self._turns)
         on_plane = self._is_on_plane[:, None]
         moves = np.where(on_plane, (moves + images) / 2, moves)
         return np.concatenate([moves, images[:, self._is_copied]], axis=1)
@@ -195,6 +210,10 @@ class CageEditLayer:
         A vertex that does not move in a frame keeps its position there bit for bit.
         """
         moves, edited = self.displacements(frames), cages.copy()
+        if self._turns:
+            for k in np.flatnonzero(moves.any(axis=(1, 2))):
+                turns = self._cells.fit_rotations(cages[k] - self._cage.vertices)
+                moves[k] = np.einsum("ijp,pj->pi", turns[..., self.vertices], moves[k])
         before = cages[:, self.vertices]
         edited[:, self.vertices] = np.where(moves == 0, before, before + moves)
         is_far = np.abs(edited[:, self.vertices]) > MAX_COORDINATE

@@ -14,8 +14,10 @@ from cageik_cli.editing.handles.placement import place_handles
 from cageik_cli.editing.handles.schedule import HandleSchedule
 from cageik_cli.formats.settings import Scene
 from cageik_cli.formats.timeline import Timeline
+from cageik_cli.geometry.surface_distance import SurfaceDistances
 from cageik_cli.method.pose.anchors import Anchor, anchor_matrix, anchor_positions
-from cageik_cli.method.pose.constraints import CageConstraints, find_reach, require_mirror
+from cageik_cli.method.pose.constraints import CageConstraints, require_mirror
+from cageik_cli.method.pose.local_axes import LocalAxes
 from cageik_cli.method.pose.poser import Poser
 from cageik_cli.method.pose.settings import PosingSettings
 from cageik_cli.method.solve.metrics import FrameMetrics, measure
@@ -103,6 +105,10 @@ class EditTarget:
         base = self._turn(anchor_positions(anchors, self.base_mesh), frames)
         return np.asarray(base + rows @ (cages - self.base_cage))
 
+    def find_turns(self, axes: LocalAxes, frames: Integers, cages: Floats) -> Floats:
+        """Return the turns of the surface around a point in the cages of frames, (k, 3, 3)."""
+        return axes.find_turns(cages - self.base_cage, self._turn(axes.base, frames))
+
     def _turn(self, points: Floats, frames: Integers) -> Floats:
         """Return points of the base mesh, (p, 3), in each frame: (k, p, 3), or as they are."""
         if self.rotations is None or self.binding.offsets is None:
@@ -111,7 +117,7 @@ class EditTarget:
 
 
 class Layer:
-    """One set of handles, placed and ready to be applied; radii lock more of the cage.
+    """One set of handles, placed and ready to be applied.
 
     Attributes
     ----------
@@ -120,31 +126,42 @@ class Layer:
     schedule : HandleSchedule
         The targets of its l anchors.
     poser : Poser
-        For those of its anchors that act.
+        For its anchors.
     is_beyond : (m,) bool
-        Vertices beyond the radii of its handles; none if they have no radius.
+        Vertices beyond the radii of its handles; none if the rest is not held.
     """
 
     def __init__(
         self,
         name: str,
         schedule: HandleSchedule,
-        binding: Binding,
+        target: EditTarget,
         constraints: CageConstraints,
         settings: PosingSettings,
+        hold: bool,
     ) -> None:
         self.name, self.schedule = name, schedule
-        anchors, radii = schedule.anchors, schedule.radii
-        # All anchors act, but those that stay because they are beyond the reach.
-        self._acts = np.ones(len(anchors), bool)
+        binding = target.binding
+        anchors = [
+            anchor if anchor.radius is not None else replace(anchor, radius=settings.radius)
+            for anchor in schedule.anchors
+        ]
+        self.poser = Poser(
+            binding, anchors, settings.alpha, settings.beta, constraints, settings.hold and hold
+        )
         self.is_beyond = np.zeros(len(binding.rest.vertices), bool)
-        if np.isfinite(radii).any():
-            mirror = constraints.mirror
-            self.is_beyond, locked, held = find_reach(binding, anchors, radii, mirror)
-            self._acts = ~held
-            constraints = CageConstraints((*constraints.locked, *locked.tolist()), mirror)
-        acting = [anchor for anchor, acts in zip(anchors, self._acts, strict=True) if acts]
-        self.poser = Poser(binding, acting, settings.alpha, settings.beta, constraints)
+        if self.poser.reaches:
+            reached = [reach.strength > 0 for reach in self.poser.reaches]
+            self.is_beyond = ~np.any(reached, axis=0)
+        turning = {k: one for k, one in enumerate(schedule.scheduled) if one.turns}
+        distances = SurfaceDistances(binding.rest) if turning else None
+        self._axes = {
+            k: LocalAxes(
+                one.anchor.point, binding.rest, binding.weights, target.base_mesh, distances
+            )
+            for k, one in turning.items()
+            if distances is not None
+        }
         self._rigidity = settings.rigidity
 
     def apply(
@@ -155,12 +172,13 @@ class Layer:
         Shapes are those of `LayeredEdit.apply`, for the anchors of this layer.
         """
         starts = target.anchor_positions(self.schedule.anchors, frames, cages)
+        rotations = {k: target.find_turns(axes, frames, cages) for k, axes in self._axes.items()}
         with _set_context(self.name):
-            moves = self.schedule.displacements(frames, starts)
+            moves = self.schedule.displacements(frames, starts, rotations)
         turns = None
         if target.rotations is not None and self.poser.constraints.mirror is not None:
             turns = target.rotations[frames]
-        edited = self._edit(cages, moves[:, self._acts], turns)
+        edited = self._edit(cages, moves, turns)
         return edited, starts, starts + moves
 
     def _edit(self, cages: Floats, moves: Floats, turns: Floats | None) -> Floats:
@@ -249,13 +267,13 @@ class LayeredEdit:
         image = None
         if self.mirror is not None:
             image = MirrorImage(self.mirror, target.binding.cage, target.rotations)
-        count, timeline = len(target.binding.cage.vertices), target.timeline
+        cage, timeline = target.binding.cage, target.timeline
         edits, handles = files.cage_edits, files.handles
         self._edits_path = None if edits is None else edits.path
         self._handles_path = None if handles is None else handles.path
         with _set_context(self._edits_path):
             self.cage_layers = [
-                CageEditLayer(one, count, timeline, image) for one in (edits.edits if edits else ())
+                CageEditLayer(one, cage, timeline, image) for one in (edits.edits if edits else ())
             ]
         with _set_context(self._handles_path):
             if handles is not None:
@@ -275,7 +293,7 @@ class LayeredEdit:
                     allow_conflicts=settings.allow_conflicts,
                     hard=settings.hard,
                 )
-                layer = Layer(name, schedule, binding, constraints, settings)
+                layer = Layer(name, schedule, self.target, constraints, settings, handle_set.hold)
             self.layers.append(layer)
 
     @property
@@ -287,6 +305,11 @@ class LayeredEdit:
     def notes(self) -> list[str]:
         """Notes for the user on how the handles were placed."""
         return [note for layer in self.layers for note in layer.schedule.notes]
+
+    @property
+    def hold(self) -> bool:
+        """Whether the rest is held in all layers of handles, if there are any."""
+        return bool(self.layers) and all(layer.poser.reaches for layer in self.layers)
 
     @property
     def is_beyond(self) -> NDArray[np.bool_]:

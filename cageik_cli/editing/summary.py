@@ -16,6 +16,9 @@ from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.messages import Note
 
+MIN_MOTION = 0.005
+"""A vertex moves if it does by more than this, in diagonals: a centimetre of a person."""
+
 
 @dataclass(frozen=True, slots=True)
 class AnchorSummary:
@@ -94,10 +97,19 @@ class PoseSummary:
     volume_change_percent : float, optional
         Change of largest size against the frame before the edit; None for an open model, and for
         points.
+    volume_frame : str
+        The frame in which it is; "" for a single pose.
+    moved_share_percent : float
+        Largest share of the vertices of a frame that move by more than `MIN_MOTION` of the
+        diagonal.
+    share_frame : str
+        The frame in which it is; "" for a single pose.
     condition_number : float, optional
         Largest condition number of the layers' systems; None without handles.
     rigidity : int
         Rounds of rigid rotations.
+    hold : bool
+        Whether the rest of the model is held in all layers of handles.
     changed : tuple of str, optional
         First and last frame that are changed.
     beyond_moved, beyond_moved_percent : float, optional
@@ -122,11 +134,15 @@ class PoseSummary:
     volume_change_percent: float | None
     condition_number: float | None
     rigidity: int
+    hold: bool
     changed: tuple[str, str] | None
     beyond_moved: float | None = None
     beyond_moved_percent: float | None = None
     has_surface: bool = True
     cage_edits: tuple[CageEditSummary, ...] = ()
+    volume_frame: str = ""
+    moved_share_percent: float = 0.0
+    share_frame: str = ""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -245,6 +261,8 @@ class PoseStatistics:
         self._is_beyond = edit.is_beyond
         self._beyond_moved = 0.0
         self._volume_change: float | None = None
+        self._volume_frame = 0
+        self._moved_share, self._share_frame = 0.0, 0
         self._changed: list[int] = []
         # By cage edit: how far, which vertex, in which frame.
         self._cage_edits = [(0.0, int(layer.vertices[0]), 0) for layer in edit.cage_layers]
@@ -286,10 +304,17 @@ class PoseStatistics:
             self._cage_farthest, self._cage_vertex = float(distances.max()), int(distances.argmax())
         with np.errstate(divide="ignore", invalid="ignore"):
             changes = 100 * (metrics.volume_reconstructed / metrics.volume - 1)
-        known = changes[np.isfinite(changes)]
+        known = np.flatnonzero(np.isfinite(changes))
         if len(known):
-            largest = float(known[np.abs(known).argmax()])
-            self._volume_change = max(self._volume_change or 0.0, largest, key=abs)
+            at = known[np.abs(changes[known]).argmax()]
+            if self._volume_change is None or abs(changes[at]) > abs(self._volume_change):
+                self._volume_change = float(changes[at])
+                self._volume_frame = int(block.frames[at])
+        is_moved = block.squared_displacements > (MIN_MOTION * self._rest.diagonal) ** 2
+        shares = is_moved[:, self._rest.used_vertices].mean(axis=1)
+        if shares.max() > self._moved_share:
+            self._moved_share = float(shares.max())
+            self._share_frame = int(block.frames[shares.argmax()])
 
     def _update_cage_edits(self, frames: Integers) -> None:
         for k, layer in enumerate(self._edit.cage_layers):
@@ -320,10 +345,14 @@ class PoseStatistics:
             volume_change_percent=self._volume_change,
             condition_number=max(conditions, default=None),
             rigidity=self._edit.rigidity,
+            hold=self._edit.hold,
             changed=(name(self._changed[0]), name(self._changed[-1])) if self._changed else None,
             beyond_moved=beyond,
             beyond_moved_percent=None if beyond is None else 100 * beyond / self._rest.diagonal,
             has_surface=len(self._rest.faces) > 0,
+            volume_frame=name(self._volume_frame),
+            moved_share_percent=100 * self._moved_share,
+            share_frame=name(self._share_frame),
             cage_edits=tuple(
                 CageEditSummary(layer.name, len(layer.vertices), moved, vertex, name(frame))
                 for layer, (moved, vertex, frame) in edits

@@ -226,7 +226,7 @@ def check_edit_fits(files: EditFiles, clip: PlayerClip) -> None:
     if files.cage_edits is not None:
         with error_context(files.cage_edits.path):
             for edit in files.cage_edits.edits:
-                CageEditLayer(edit, len(clip.binding.cage.vertices), clip.timeline)
+                CageEditLayer(edit, clip.binding.cage, clip.timeline)
 
 
 def parse_submitted(data: bytes, handles: Path | None, cage_edits: Path | None) -> EditFiles:

@@ -236,9 +236,9 @@ def test_a_file_that_is_too_large_is_not_read(tmp_path):
 
 def test_a_layer_of_one_pose_ignores_the_number_of_its_frame():
     (edit,) = parse(moving()).edits
-    moves = CageEditLayer(edit, 8, None).displacements(np.zeros(1, int))
+    moves = CageEditLayer(edit, box(2.0), None).displacements(np.zeros(1, int))
     np.testing.assert_allclose(moves, [[[0.1, 0.2, 0.3]]])
-    moves = CageEditLayer(edit, 8, Timeline(3, 7)).displacements(np.arange(3))
+    moves = CageEditLayer(edit, box(2.0), Timeline(3, 7)).displacements(np.arange(3))
     assert moves.shape == (3, 1, 3)
 
 
@@ -307,3 +307,22 @@ def test_a_cage_that_is_not_its_own_mirror_image_mirrors_nothing(binding):
     other = bind(binding.rest, binding.cage.move(bent), BindSettings("mean-value"))
     with pytest.raises(HandlesError, match="not its own mirror image"):
         mirrored(EditTarget.of_model(other), moving())
+
+
+def test_moves_in_the_axes_of_the_surface_turn_with_the_cage(binding, cages):
+    """Also those of partners across a mirror."""
+    turn = rotation(4)
+    turned = cages @ turn
+    for mirror in (False, True):
+        found = []
+        for axes, of in (("surface", cages), ("surface", turned), ("world", turned)):
+            target = EditTarget.of_animation(
+                binding, lambda frame, of=of: of[frame], NAMES,
+                np.repeat((turn if of is turned else np.eye(3))[None], COUNT, axis=0),
+            )  # fmt: skip
+            files = EditFiles(None, parse(moving(axes=axes)))
+            edit = LayeredEdit(files, target, PosingSettings(mirror=mirror))
+            found.append(edit.apply(np.arange(COUNT), of)[0])
+        straight, around, world = found
+        np.testing.assert_allclose(around, straight @ turn, rtol=0, atol=1e-9)
+        assert np.abs(world - around).max() > 0.05

@@ -124,7 +124,7 @@ def test_pixels_are_picked_on_the_result_of_earlier_layers(make_edit):
     }
     assert len(make_edit(seen).layers) == 1
     with pytest.raises(HandlesError, match=r"drag\.json: sets\[1\]: handle 'eye'.*misses the mesh"):
-        make_edit({"sets": [moving([100, 0, 0]), seen]})
+        make_edit({"sets": [moving([100, 0, 0]) | {"hold": False}, seen]})
 
 
 def test_frames_behind_the_camera_are_allowed_where_the_handle_does_not_act(cages, make_edit):
@@ -171,3 +171,57 @@ def test_the_mirror_of_handles_turns_with_each_frame(binding, tmp_path):
         partners = Mirror([1.0, 0, 0], [0.0, 0, 0]).find_pairs(binding.cage.vertices)
         np.testing.assert_allclose(back[0][partners], back[0] * [-1, 1, 1], rtol=0, atol=1e-8)
         assert np.abs(back).max() > 0.1
+
+
+def turned_clip(binding, cages):
+    """A clip that turns about z, by a quarter in its last frame."""
+    angles = np.linspace(0, np.pi / 2, COUNT)
+    c, s, zero, one = np.cos(angles), np.sin(angles), 0 * angles, 0 * angles + 1
+    turns = np.stack([c, s, zero, -s, c, zero, zero, zero, one], axis=1).reshape(-1, 3, 3)
+    return turns, cages @ turns
+
+
+def test_axes_of_the_surface_turn_with_it(binding, cages, tmp_path):
+    """An edit of the turned clip is the turned edit; in the axes of the world it is another."""
+    still = np.repeat(cages[:1], COUNT, axis=0)
+    turns, turned = turned_clip(binding, still)
+    frames, target = np.arange(COUNT), animation_of(binding)
+    found = {}
+    for axes in ("world", "surface"):
+        document = moving([0.1, 0.2, 0.05])
+        document["handles"][0] |= {"axes": axes}
+        edit = LayeredEdit(EditFiles(read(tmp_path, document)), target, PosingSettings())
+        found[axes] = [edit.apply(frames, one)[0] for one in (still, turned)]
+    np.testing.assert_allclose(found["world"][0], found["surface"][0], rtol=0, atol=1e-9)
+    straight, around = found["surface"]
+    np.testing.assert_allclose(around, straight @ turns, rtol=0, atol=1e-8)
+    assert np.abs(found["world"][1][-1] - straight[-1] @ turns[-1]).max() > 0.05
+
+
+def test_a_handle_that_stays_keeps_its_place_in_the_world(binding, cages, tmp_path):
+    frames = np.arange(COUNT)
+    document = {"handles": [{"name": "a", "vertex": 1, "stay": True}], "frames": [1, 4]}
+    target = EditTarget.of_animation(
+        binding, lambda frame: cages[frame], NAMES, scene=Scene(start=0)
+    )
+    edit = LayeredEdit(EditFiles(read(tmp_path, document)), target, PosingSettings())
+    edited, starts, _ = edit.apply(frames, cages)
+    places = target.anchor_positions(edit.anchors, frames, edited)[:, 0]
+    np.testing.assert_allclose(places[1:5], np.repeat(starts[1:2, 0], 4, axis=0), atol=1e-5)
+    assert np.abs(starts[4] - starts[1]).max() > 1e-2
+    np.testing.assert_array_equal(edited[[0, 5]], cages[[0, 5]])
+
+
+def test_the_rest_is_held_unless_the_file_or_the_settings_say_not(make_edit):
+    assert make_edit(moving([0.1, 0, 0])).hold
+    assert not make_edit(moving([0.1, 0, 0], hold=False)).hold
+    assert not make_edit(moving([0.1, 0, 0]), hold=False).hold
+
+
+def test_a_radius_of_the_settings_is_for_handles_that_state_none(make_edit):
+    document = moving([0.1, 0, 0])
+    document["handles"].append({"name": "b", "vertex": 5, "pin": True, "radius": 0.3})
+    (layer,) = make_edit(document, radius=0.7).layers
+    assert [reach.radius for reach in layer.poser.reaches] == [0.7, 0.3]
+    with pytest.raises(SettingError, match="radius"):
+        PosingSettings(hold=False, radius=0.7)

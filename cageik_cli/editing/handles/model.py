@@ -20,33 +20,44 @@ class Motion:
 
     Attributes
     ----------
-    kind : {"pin", "target", "offset", "screen.target", "screen.offset"}
-        Its field in the handles file. A pin keeps the point where it is in each frame, a target is
-        where it goes, an offset is how far it goes from there; on the screen it keeps its depth.
+    kind : {"pin", "stay", "target", "offset", "screen.target", "screen.offset"}
+        Its field in the handles file. A pin keeps the point where it is in each frame; one that
+        stays remains where it is in the first frame of full strength; a target is where it goes,
+        an offset is how far it goes from there; on the screen it keeps its depth.
     values : (q, d) float64, optional
-        The targets or offsets: positions, or pixels on the screen; None for a pin.
+        The targets or offsets: positions, or pixels on the screen; None for a pin, and before the
+        place of one that stays is known.
     frames : (q,) float64, optional
         Increasing numbers of the frames of the values; None for one value, q = 1, that holds in
         all frames.
     camera : Camera, optional
         Of the screen.
-
-    Notes
-    -----
-    Between keyframes values follow the monotone cubic of Fritsch and Butland 1984, which does not
-    overshoot; before the first and after the last keyframe they are constant.
+    ease : {"smooth", "linear", "stepped"}
+        How values go from keyframe to keyframe: along the monotone cubic of Fritsch and Butland
+        1984, which does not overshoot; in straight lines; or each held until the next. Before the
+        first and after the last keyframe they are constant.
+    turns : bool
+        Whether an offset turns with the surface around the point, from the rest pose.
     """
 
     kind: str
     values: Floats | None = None
     frames: Floats | None = None
     camera: Camera | None = None
+    ease: str = "smooth"
+    turns: bool = False
 
     def evaluate(self, frames: Floats) -> Floats:
         """Return the targets or offsets in frames of numbers (k,), as (k, d)."""
         assert self.values is not None
         if self.frames is None or len(self.frames) == 1:
             return np.repeat(self.values, len(frames), axis=0)
+        if self.ease == "stepped":
+            held = np.searchsorted(self.frames, frames, side="right") - 1
+            return self.values[np.maximum(held, 0)]
+        if self.ease == "linear":
+            columns = [np.interp(frames, self.frames, values) for values in self.values.T]
+            return np.stack(columns, axis=1)
         from scipy.interpolate import PchipInterpolator  # slow to import, and few files need it
 
         clipped = np.clip(frames, self.frames[0], self.frames[-1])
@@ -54,14 +65,17 @@ class Motion:
         with np.errstate(over="ignore"):
             return np.asarray(PchipInterpolator(self.frames, self.values)(clipped))
 
-    def targets(self, frames: Floats, positions: Floats) -> Floats:
+    def targets(self, frames: Floats, positions: Floats, rotations: Floats | None = None) -> Floats:
         """Return the targets, (k, 3), in frames of numbers (k,).
 
-        The point is at positions (k, 3) in them.
+        The point is at positions (k, 3) in them, and the surface around it is turned from the rest
+        pose by rotations (k, 3, 3), `points @ R`; None where it does not turn.
         """
         if self.values is None:
             return positions
         values, is_offset = self.evaluate(frames), self.kind.endswith("offset")
+        if self.turns and rotations is not None:
+            values = (values[:, None] @ rotations)[:, 0]
         if self.camera is None:
             return positions + values if is_offset else values
         seen = _project_to_pixels(self.camera, frames, positions)
@@ -117,7 +131,8 @@ class Handle:
     hard : bool
         Whether its target is met exactly.
     radius : float, optional
-        Distance in the rest pose beyond which it moves nothing; above 0.
+        Distance over the surface of the rest pose up to which the model moves with it; above 0.
+        None chooses one from the model.
     """
 
     name: str
@@ -141,12 +156,15 @@ class HandleSet:
     pick_frame : int, optional
         Number of the frame in whose pose pixels and positions are searched; None for the first of
         `frames`.
+    hold : bool
+        Whether the model stays outside the radii of its handles.
     """
 
     handles: tuple[Handle, ...]
     frames: tuple[float, float] | None = None
     falloff: int = 0
     pick_frame: float | None = None
+    hold: bool = True
 
 
 @dataclass(frozen=True, slots=True, eq=False)

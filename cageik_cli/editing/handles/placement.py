@@ -67,7 +67,11 @@ def place_handles(
             point = finder.find_point(handle.place)
         if handle.place.kind == "position":
             notes.append(finder.describe_snap(handle, point))
-        placed.append((replace(handle, hard=handle.hard or hard), point))
+        motion = handle.motion
+        if motion.kind == "stay":
+            place = point.position(surface.pose_at(full_strength.start))
+            motion = replace(motion, values=place[None])
+        placed.append((replace(handle, hard=handle.hard or hard, motion=motion), point))
     scheduled = merge_coincident(placed, surface, affected_frames, allow_conflicts)
     return HandleSchedule(
         scheduled=tuple(scheduled),

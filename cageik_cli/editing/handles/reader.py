@@ -206,13 +206,15 @@ def _parse_set(raw: dict[str, Any], camera: Camera | None) -> HandleSet:
     frames = parse_frames(raw)
     handles = tuple(_parse_handle(one, camera) for one in raw["handles"])
     check_unique_names("handles", (handle.name for handle in handles))
-    _check_radii(handles)
+    hold = raw.get("hold", True)
+    _check_radii(handles, hold)
     pick_frame = raw.get("pick_frame")
     return HandleSet(
         handles,
         frames,
         int(raw.get("falloff", 0)),
         None if pick_frame is None else float(pick_frame),
+        hold,
     )
 
 
@@ -235,20 +237,12 @@ def check_unique_names(things: str, names: Iterable[str]) -> None:
         known.add(name)
 
 
-def _check_radii(handles: Iterable[Handle]) -> None:
-    """Refuse a radius of a pin, and handles that move without one beside handles that have one."""
-    moving = []
+def _check_radii(handles: Iterable[Handle], hold: bool) -> None:
+    """Refuse a radius where the rest is not held, which would do nothing."""
     for handle in handles:
-        if handle.motion.kind != "pin":
-            moving.append(handle)
-        elif handle.radius is not None:
-            raise HandlesError(f"handle {handle.name!r}: radius: a pin does not move; remove it")
-    limited = [handle for handle in moving if handle.radius is not None]
-    for handle in moving if limited else ():
-        if handle.radius is None:
+        if handle.radius is not None and not hold:
             raise HandlesError(
-                f"handle {handle.name!r}: has no radius, and {limited[0].name!r} has one; give it "
-                "one, or put it in a set of its own"
+                f"handle {handle.name!r}: radius: needs `hold`, which is false; remove one of them"
             )
 
 
@@ -281,11 +275,12 @@ def _parse_place(raw: dict[str, Any], camera: Camera | None) -> Place:
 
 def _parse_motion(raw: dict[str, Any], camera: Camera | None) -> Motion:
     """Return the motion that the fields of a handle give."""
-    if "pin" in raw:
-        return Motion("pin")
+    for kind in ("pin", "stay"):
+        if kind in raw:
+            return Motion(kind)
     if "screen" not in raw:
         kind = "target" if "target" in raw else "offset"
-        return parse_motion(kind, raw[kind])
+        return replace(parse_motion(kind, raw[kind]), turns=raw.get("axes") == "surface")
     with error_context("screen"):
         kind = "target" if "target" in raw["screen"] else "offset"
         moving = parse_motion(kind, raw["screen"][kind])
@@ -313,7 +308,8 @@ def parse_motion(kind: str, value: Any) -> Motion:
                 raise HandlesError(
                     f"has frame {after} after frame {before}, expected increasing frames"
                 )
-    return Motion(kind, _to_array(values), _to_array(frames))
+    ease = value.get("ease", "smooth")
+    return Motion(kind, _to_array(values), _to_array(frames), ease=ease)
 
 
 def _parse_camera(raw: dict[str, Any], default: Camera | None) -> Camera | None:

@@ -3,7 +3,7 @@
 Handles on the same point of the surface are merged into one anchor, or refused.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -36,8 +36,6 @@ class ScheduledAnchor:
         Names of the handles.
     shares : (s,) float64
         Share of each motion in the target; the sum is one.
-    radius : float
-        Distance in the rest pose beyond which it moves nothing; nan for none.
     note : str
         For the user, if handles were merged.
     """
@@ -46,14 +44,23 @@ class ScheduledAnchor:
     names: tuple[str, ...]
     motions: tuple[Motion, ...]
     shares: Floats
-    radius: float = np.nan
     note: str = ""
 
-    def targets(self, numbers: Floats, positions: Floats) -> Floats:
-        """Return the targets, (k, 3), in frames of numbers (k,); positions (k, 3) are there."""
+    @property
+    def turns(self) -> bool:
+        """Whether one of its motions turns with the surface."""
+        return any(motion.turns for motion in self.motions)
+
+    def targets(
+        self, numbers: Floats, positions: Floats, rotations: Floats | None = None
+    ) -> Floats:
+        """Return the targets, (k, 3), in frames of numbers (k,).
+
+        Positions, (k, 3), and turns of the surface, (k, 3, 3), if any, are those of these frames.
+        """
         mean = np.zeros_like(positions)
         for name, motion, share in zip(self.names, self.motions, self.shares, strict=True):
-            mean += share * _compute_targets(name, motion, numbers, positions)
+            mean += share * _compute_targets(name, motion, numbers, positions, rotations)
         return mean
 
 
@@ -89,29 +96,34 @@ class HandleSchedule:
         """The l anchors."""
         return tuple(one.anchor for one in self.scheduled)
 
-    @property
-    def radii(self) -> Floats:
-        """The radii of the anchors, (l,); nan for those without one."""
-        return np.array([one.radius for one in self.scheduled])
-
     def blend(self, frames: Integers) -> Floats:
         """Return the strength of the edit in frames (k,), as `blend_frames` does."""
         return blend_frames(frames, self.full_strength, self.falloff)
 
-    def targets(self, frames: Integers, positions: Floats) -> Floats:
+    def targets(
+        self, frames: Integers, positions: Floats, rotations: Mapping[int, Floats] | None = None
+    ) -> Floats:
         """Return the targets of the anchors at full strength, (k, l, 3).
 
-        Frames, (k,), are some of `affected_frames`; anchors have positions (k, l, 3) in them.
+        Frames, (k,), are some of `affected_frames`; anchors have positions (k, l, 3) in them, and
+        the surface around some of them, by number, turns (k, 3, 3).
         """
-        columns = np.moveaxis(positions, 1, 0)
-        pairs, numbers = zip(self.scheduled, columns, strict=True), self.timeline.numbers(frames)
-        return np.stack([one.targets(numbers, column) for one, column in pairs], axis=1)
+        numbers, turns = self.timeline.numbers(frames), rotations or {}
+        columns = [
+            one.targets(numbers, positions[:, k], turns.get(k))
+            for k, one in enumerate(self.scheduled)
+        ]
+        return np.stack(columns, axis=1)
 
-    def displacements(self, frames: Integers, positions: Floats) -> Floats:
+    def displacements(
+        self, frames: Integers, positions: Floats, rotations: Mapping[int, Floats] | None = None
+    ) -> Floats:
         """Return the displacements of the anchors in any frames, (k, l, 3); see `targets`."""
         strength, displacements = self.blend(frames), np.zeros_like(positions)
         is_moved = strength > 0  # in other frames a target may not exist
-        full = self.targets(frames[is_moved], positions[is_moved]) - positions[is_moved]
+        turns = {k: turn[is_moved] for k, turn in (rotations or {}).items()}
+        targets = self.targets(frames[is_moved], positions[is_moved], turns)
+        full = targets - positions[is_moved]
         displacements[is_moved] = strength[is_moved, None, None] * full
         return displacements
 
@@ -128,10 +140,12 @@ def blend_frames(frames: Integers, full_strength: range, falloff: float) -> Floa
     return np.asarray(x**3 * (x * (6 * x - 15) + 10))
 
 
-def _compute_targets(name: str, motion: Motion, numbers: Floats, positions: Floats) -> Floats:
+def _compute_targets(
+    name: str, motion: Motion, numbers: Floats, positions: Floats, rotations: Floats | None = None
+) -> Floats:
     """Return the targets of a handle, (k, 3), which exist and are not too far away."""
     with error_context(f"handle {name!r}: {motion.kind}"):
-        targets = motion.targets(numbers, positions)
+        targets = motion.targets(numbers, positions, rotations)
         is_valid = (np.abs(targets) <= MAX_COORDINATE).all(axis=1)
         if not is_valid.all():
             number = format_frame_number(numbers[is_valid.argmin()])
@@ -216,8 +230,14 @@ def _describe_conflict(
     The point has positions, (k, 3), in frames of numbers (k,).
     """
     first, *others = (handle for handle, _ in group)
+    # The surface turns alike for all of them, so offsets are compared as they are in the file.
     expected = _compute_targets(first.name, first.motion, numbers, positions)
     for other in others:
+        if other.motion.turns != first.motion.turns:
+            return (
+                f"handles {first.name!r} and {other.name!r} conflict: they are on the same point, "
+                "and only one of them has the axes of the surface"
+            )
         found = _compute_targets(other.name, other.motion, numbers, positions)
         apart = np.linalg.norm(found - expected, axis=1)
         if apart.max() > SAME_TARGET_TOL * surface.mesh.diagonal:
@@ -236,7 +256,6 @@ def _merge_group(
     """Merge a group into one anchor that moves to the mean of its leaders' targets."""
     handles = [handle for handle, _ in leaders]
     weights = np.array([handle.weight for handle in handles])
-    radii = [handle.radius for handle, _ in group if handle.radius is not None]
     anchor, names = _make_anchor(group), tuple(handle.name for handle in handles)
     note = ""
     if conflict:
@@ -251,15 +270,16 @@ def _merge_group(
         names=names,
         motions=tuple(handle.motion for handle in handles),
         shares=weights / weights.sum(),
-        radius=max(radii, default=np.nan),
         note=note,
     )
 
 
 def _make_anchor(group: Sequence[PlacedHandle]) -> Anchor:
+    radii = [handle.radius for handle, _ in group if handle.radius is not None]
     return Anchor(
         " + ".join(handle.name for handle, _ in group),
         group[0][1],
         sum(handle.weight for handle, _ in group),
         any(handle.hard for handle, _ in group),
+        max(radii, default=None),
     )

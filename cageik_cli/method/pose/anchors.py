@@ -61,11 +61,14 @@ class Anchor:
         Importance relative to other anchors; above 0.
     hard : bool
         Whether its target is met exactly; the weight is then not used.
+    radius : float, optional
+        Distance over the surface, in the units of the rest pose, up to which the model moves with
+        it where the rest is held; above 0. None chooses one from the model.
 
     Raises
     ------
     HandlesError
-        When the weight is not a finite number above 0.
+        When the weight or the radius is not a finite number above 0.
 
     Examples
     --------
@@ -79,15 +82,17 @@ class Anchor:
     point: SurfacePoint
     weight: float = 1.0
     hard: bool = False
+    radius: float | None = None
 
     def __repr__(self) -> str:
         return f"<Anchor: {self.name!r}, {'hard' if self.hard else f'weight {self.weight:g}'}>"
 
     def __post_init__(self) -> None:
-        if not (np.isfinite(self.weight) and self.weight > 0):
-            raise HandlesError(
-                f"anchor {self.name!r}: weight is {self.weight:g}, expected a finite number above 0"
-            )
+        for name, value in (("weight", self.weight), ("radius", self.radius)):
+            if value is not None and not (np.isfinite(value) and value > 0):
+                raise HandlesError(
+                    f"anchor {self.name!r}: {name} is {value:g}, expected a finite number above 0"
+                )
 
 
 def anchor_matrix(anchors: Sequence[Anchor], weights: Floats) -> Floats:

@@ -21,11 +21,15 @@ is a system of the size of the anchors. It gives the same minimum as the normal 
 terms, and stays well conditioned however small E is: hard anchors are the limit E = 0.
 
 With `rigidity`, δ turns with the cells of the cage (`method.pose.rigidity`).
+
+A pose that holds the rest adds the dense term of `method.pose.hold`. Its normal matrix stands in
+place of LᵀL, and no component is free that the model is in. The motion u that it asks for is that
+of the anchors near them, so d = d_u + R (t − A d_u), where d_u is the minimum without anchors.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
@@ -39,6 +43,7 @@ from cageik_cli.geometry.mirror import Mirror
 from cageik_cli.geometry.shape import uniform_laplacian
 from cageik_cli.method.pose.anchors import Anchor, anchor_matrix, anchor_positions
 from cageik_cli.method.pose.constraints import CageConstraints, free_basis
+from cageik_cli.method.pose.hold import HeldSurface, Reach
 from cageik_cli.method.pose.rigidity import Cells, Neighbours
 from cageik_cli.method.pose.settings import DEFAULT_POSE_ALPHA, validate_weights
 from cageik_cli.method.solve.dual_laplacian import MAX_CONDITION, MIN_REFINED_CONDITION
@@ -68,9 +73,13 @@ class Poser:
         Weights of the Laplacian and of the soft anchors; finite, above 0.
     constraints : CageConstraints, optional
         Locked cage vertices, and a mirror.
+    hold : bool
+        Whether the model stays outside the radii of the anchors; else, all of it follows them.
 
     Attributes
     ----------
+    reaches : list of Reach
+        What the anchors, and then their mirror images, take with them; none without `hold`.
     condition_number : float
         Condition number of the anchors' system.
     free_modes : int
@@ -112,6 +121,7 @@ class Poser:
         alpha: float = DEFAULT_POSE_ALPHA,
         beta: float = 1.0,
         constraints: CageConstraints | None = None,
+        hold: bool = True,
     ) -> None:
         validate_weights(alpha, beta)
         self.binding, self.alpha, self.beta = binding, alpha, beta
@@ -121,7 +131,11 @@ class Poser:
         self._neighbours = Neighbours(laplacian)
         signs = (1,) if self.constraints.mirror is None else (1, -1)
         bases = [free_basis(cage, self.constraints, sign) for sign in signs]
-        self._response_solvers = [CageResponseSolver(cage, laplacian, basis) for basis in bases]
+        self._surface = HeldSurface(binding) if hold else None
+        gram = None if self._surface is None else self._surface.gram
+        self._response_solvers = [
+            CageResponseSolver(cage, laplacian, basis, gram) for basis in bases
+        ]
         self._solve_responses(tuple(anchors))
 
     def __repr__(self) -> str:
@@ -157,10 +171,16 @@ class Poser:
         `rigidity` is the number of rounds of rigid rotations of the cage's cells; without them,
         parts that turn far are sheared.
         """
-        moved = self._cage_map(displacements)
+        cage = self.binding.cage.vertices
+        if self._surface is None:
+            moved = self._cage_map(displacements)
+        else:
+            moved = np.zeros_like(cage)
+            for rest_reach, motion in self._move_reaches(displacements):
+                moved += rest_reach.cage_map(motion)
         if rigidity and displacements.any():
             moved = self._rotate_cells(self._cells_at_rest, moved, rigidity)
-        return np.asarray(self.binding.cage.vertices + moved)
+        return np.asarray(cage + moved)
 
     def solve_mesh(self, displacements: Floats, rigidity: int = 0) -> Floats:
         """Return the mesh, (m, 3), for displacements of the anchors from the rest pose, (l, 3).
@@ -172,8 +192,11 @@ class Poser:
             moved = self.solve_cage(displacements, rigidity) - self.binding.cage.vertices
             for column, coordinate in zip(columns, moved.T, strict=True):
                 column += self.binding.weights @ coordinate
-        else:
+        elif self._surface is None:
             self._mesh_map.add_to(columns, displacements)
+        else:
+            for rest_reach, motion in self._move_reaches(displacements):
+                rest_reach.mesh_map.add_to(columns, motion)
         return columns.T
 
     def edit_cages(self, cages: Floats, displacements: Floats, rigidity: int = 0) -> Floats:
@@ -184,7 +207,7 @@ class Poser:
         """
         is_moved = displacements.any(axis=(1, 2))
         edited, chosen = cages.copy(), cages[is_moved]
-        moved = self._cage_map(displacements[is_moved])
+        moved = self._move_cages(chosen, displacements[is_moved])
         if rigidity:
             for cage, unrotated in zip(chosen, moved, strict=True):
                 unrotated[...] = self._rotate_cells(
@@ -192,6 +215,26 @@ class Poser:
                 )
         edited[is_moved] += moved
         return edited
+
+    def _move_reaches(self, displacements: Floats) -> Iterator[tuple[RestReach, Floats]]:
+        """Yield the reaches of anchors that are displaced, (l, 3), and their motions, at rest."""
+        moved = set(np.flatnonzero(displacements.any(axis=1)).tolist())
+        for reach in self._rest_reaches:
+            if reach.anchor in moved:
+                yield reach, reach.compute_motion(displacements[reach.anchor])
+
+    def _move_cages(self, cages: Floats, displacements: Floats) -> Floats:
+        """Return the motions of cages (k, n, 3) whose anchors move, (k, l, 3), unrotated."""
+        moved = self._cage_map(displacements)
+        forces = np.zeros_like(cages)
+        for reach in self.reaches:
+            arms = reach.find_arms(cages)
+            for k in np.flatnonzero(displacements[:, reach.anchor].any(axis=1)):
+                motion = reach.compute_motion(arms[k], displacements[k, reach.anchor])
+                forces[k] += reach.compute_forces(cages[k]) @ motion
+        if forces.any():
+            moved += self._force_map(forces)
+        return np.asarray(moved)
 
     def _rotate_cells(self, cells: Cells, unrotated: Floats, rounds: int) -> Floats:
         """Return displacements (n, 3) with rotated cells, from those without rotations.
@@ -237,7 +280,10 @@ class Poser:
         self._differential_map = MirroredMap(
             [response.differential_response for response in responses], mirror
         )
-        self.__dict__.pop("_mesh_map", None)
+        self._force_map = MirroredMap([response.force_response for response in responses], mirror)
+        self.reaches = [] if self._surface is None else self._surface.find_reaches(anchors, mirror)
+        for name in ("_mesh_map", "_rest_reaches"):
+            self.__dict__.pop(name, None)
 
     @cached_property
     def _cells_at_rest(self) -> Cells:
@@ -248,8 +294,51 @@ class Poser:
         return self._cage_map.compose(self.binding.weights)
 
     @cached_property
+    def _rest_reaches(self) -> list[RestReach]:
+        cage, mirror = self.binding.cage.vertices, self.constraints.mirror
+        rest_reaches = []
+        for reach in self.reaches:
+            forces = reach.compute_forces(cage)
+            # The response to an anchor is that of itself, and not of its image.
+            own = float(reach.mirror is None)
+            maps = zip(self._cage_map.matrices, self._force_map.matrices, strict=True)
+            columns = [
+                np.column_stack([own * response[:, reach.anchor], force_response @ forces])
+                for response, force_response in maps
+            ]
+            cage_map = MirroredMap(columns, mirror)
+            rest_reaches.append(RestReach(reach, reach.find_arms(cage), cage_map, self.binding))
+        return rest_reaches
+
+    @cached_property
     def _rest_columns(self) -> Floats:
         return np.ascontiguousarray(self.binding.rest.vertices.T)
+
+
+class RestReach:
+    """A reach at rest, whose motions are products with few columns.
+
+    Attributes
+    ----------
+    anchor : int
+        The number of its anchor.
+    cage_map : MirroredMap
+        The cage per displacement of the anchor, and per entry of the motion of the reach.
+    """
+
+    def __init__(self, reach: Reach, arm: Floats, cage_map: MirroredMap, binding: Binding) -> None:
+        self._reach, self._arm, self._binding = reach, arm, binding
+        self.anchor, self.cage_map = reach.anchor, cage_map
+
+    @cached_property
+    def mesh_map(self) -> MirroredMap:
+        """The same of the mesh."""
+        return self.cage_map.compose(self._binding.weights)
+
+    def compute_motion(self, displacement: Floats) -> Floats:
+        """Return what the maps act on, (3 K + 2, 3), for a displacement (3,) of the anchor."""
+        motion = self._reach.compute_motion(self._arm, displacement)
+        return np.concatenate([displacement[None], motion])
 
 
 def _check_independent(response: Response, anchors: tuple[Anchor, ...]) -> None:
@@ -281,6 +370,8 @@ class Response:
         Displacements of the cage per displacement of an anchor.
     differential_response : (n, n) float64
         Displacements of the cage per change of δ, with the anchors' targets fixed.
+    force_response : (n, n) float64
+        Displacements of the cage per force on a cage vertex, with the anchors' targets fixed.
     condition_number : float
         Condition number of the anchors' system, in the 2-norm.
     weakest_mode : (l,) float64
@@ -291,6 +382,7 @@ class Response:
 
     anchor_response: Floats
     differential_response: Floats
+    force_response: Floats
     condition_number: float
     weakest_mode: Floats
     free_modes: int
@@ -304,19 +396,31 @@ class CageResponseSolver:
     laplacian : (n, n) float64
     basis : (n, r) float64
         Orthonormal columns: what may move, from `constraints.free_basis`.
+    gram : (n, n) float64, optional
+        That of dense constraints, which is added to LᵀL.
     """
 
-    def __init__(self, cage: TriMesh, laplacian: Floats, basis: Floats) -> None:
+    def __init__(
+        self, cage: TriMesh, laplacian: Floats, basis: Floats, gram: Floats | None = None
+    ) -> None:
         self._basis = basis
         self._free_modes = _find_free_modes(cage, basis)
+        if gram is not None and self._free_modes.size:
+            # Components that the model is in are not free; motions of the others remain.
+            held = self._free_modes.T @ gram @ self._free_modes
+            values, motions = np.linalg.eigh(held)
+            is_free = values <= FREE_MODE_TOL * np.trace(gram) / len(gram)
+            self._free_modes = self._free_modes @ motions[:, is_free]
         self._can_move_as_one = bool(self._free_modes.size) and bool(
             np.ptp(self._free_modes[:, 0]) < BASIS_TOL
         )
         differences, free = laplacian @ basis, basis.T @ self._free_modes
-        self._factor = scipy.linalg.cho_factor(
-            differences.T @ differences + free @ free.T, check_finite=False
-        )
+        normal = differences.T @ differences + free @ free.T
+        if gram is not None:
+            normal += basis.T @ gram @ basis
+        self._factor = scipy.linalg.cho_factor(normal, check_finite=False)
         self._laplacian_response = self._solve_forces(laplacian.T)
+        self._force_response = self._solve_forces(np.eye(len(laplacian)))
 
     def solve_response(self, rows: Floats, compliance: Floats) -> Response:
         """Return the response to anchors with rows A, (l, n), and compliance E, a diagonal (l,)."""
@@ -355,6 +459,7 @@ class CageResponseSolver:
             anchor_response=anchor_response,
             differential_response=self._laplacian_response
             - anchor_response @ (rows @ self._laplacian_response),
+            force_response=self._force_response - anchor_response @ (rows @ self._force_response),
             condition_number=condition,
             weakest_mode=balanced @ vectors[:, 0] if len(values) else np.zeros(len(rows)),
             free_modes=len(self._free_modes.T) - (len(rows) - len(inner)),
@@ -377,7 +482,7 @@ class MirroredMap:
     """
 
     def __init__(self, maps: Sequence[Floats], mirror: Mirror | None) -> None:
-        self._mirror, self._along = mirror, maps[0]
+        self._mirror, self._along, self.matrices = mirror, maps[0], maps
         self._across_difference = maps[0] if mirror is None else maps[1] - maps[0]
 
     def __call__(self, points: Floats) -> Floats:

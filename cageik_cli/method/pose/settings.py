@@ -70,6 +70,26 @@ class PosingSettings:
         meaning="meet all handles exactly",
         group=HelpGroup.SOLVE,
     )
+    hold: bool = declare_setting(
+        True,
+        "Let all of the model follow the handles, also far from them.",
+        name="hold",
+        meaning="the model stays outside the radii of the handles",
+        option="--no-hold",
+        is_off=True,
+        group=HelpGroup.SOLVE,
+    )
+    radius: float | None = declare_setting(
+        None,
+        "How far over the surface the model moves with handles that state no radius, in the "
+        "model's units; chosen from the model if absent.",
+        name="radius",
+        meaning="how far over the surface the model moves with handles, file units",
+        is_recorded_unset=False,
+        above=0,
+        excludes=(("hold", "`radius=` has no meaning with `hold=False`; leave one out"),),
+        group=HelpGroup.SOLVE,
+    )
     mirror: bool = declare_setting(
         False,
         "Mirror the edit to the other side, about the plane of a symmetric cage.",

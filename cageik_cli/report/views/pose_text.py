@@ -4,10 +4,10 @@ import json
 from collections.abc import Iterator
 from dataclasses import asdict
 
-from cageik_cli.editing.summary import AnchorSummary, PoseSummary
+from cageik_cli.editing.summary import MIN_MOTION, AnchorSummary, PoseSummary
 from cageik_cli.report.figures import format_change, format_length, format_metric, format_percent
 from cageik_cli.util.messages import Row, Said, say
-from cageik_cli.util.text import format_count, single_line
+from cageik_cli.util.text import format_count, format_decimals, single_line
 
 MAX_SHOWN_HANDLES = 12
 """Handles that have a line each; of more, the farthest from their targets are shown."""
@@ -27,8 +27,8 @@ MAX_HANDLE_DISTANCE = 5.0
 MAX_CAGE_RATIO = 5.0
 """A cage that moves more times as far as any handle cannot follow the handles."""
 
-MAX_VOLUME_PERCENT = 10.0
-"""Larger changes of the volume, percent, are worth rotations."""
+MAX_VOLUME_PERCENT = 5.0
+"""Larger changes of the volume, percent, are worth a look."""
 
 
 def format_pose_rows(summary: PoseSummary) -> list[Row]:
@@ -41,7 +41,10 @@ def format_pose_rows(summary: PoseSummary) -> list[Row]:
         change = "not defined, the model is open"
         if summary.volume_change_percent is not None:
             most = "largest " if summary.frame else ""
-            change = f"{most}{format_change(summary.volume_change_percent)} %"
+            change = (
+                f"{most}{format_change(summary.volume_change_percent)} %"
+                f"{_format_frame_suffix(summary.volume_frame)}"
+            )
         volume.append(("volume change", change))
     if summary.frame:  # of an animation
         text = "no frames"
@@ -63,8 +66,9 @@ def format_pose_rows(summary: PoseSummary) -> list[Row]:
         ),
         (
             "mesh moved",
-            f"{format_percent(summary.rms_percent)} % of the diagonal "
-            f"(rms {format_length(summary.rms)})",
+            f"{format_decimals(summary.moved_share_percent, 1)} % of it by more than "
+            f"{100 * MIN_MOTION:g} % of the diagonal{_format_frame_suffix(summary.share_frame)}, "
+            f"rms {format_percent(summary.rms_percent)} % ({format_length(summary.rms)})",
         ),
         *beyond,
         *volume,
@@ -163,11 +167,15 @@ def _advise(summary: PoseSummary) -> Iterator[Said]:
                 "cage with cageik check"
             )
         )
-    if abs(summary.volume_change_percent or 0.0) > MAX_VOLUME_PERCENT and not summary.rigidity:
-        yield (
-            f"the volume changes by more than {MAX_VOLUME_PERCENT:g} %: parts that turn are "
-            "sheared; " + say("let them rotate with `rigidity=10`")
-        )
+    if abs(summary.volume_change_percent or 0.0) > MAX_VOLUME_PERCENT:
+        change = format_change(summary.volume_change_percent or 0.0)
+        found = f"the volume changes by {change} %{_format_frame_suffix(summary.volume_frame)}"
+        if summary.hold:
+            yield f"{found}; move the handles less far, or give them another `radius`"
+        elif not summary.rigidity:
+            yield f"{found}: parts that turn are sheared; " + say(
+                "leave out `hold=False`, or let them rotate with `rigidity=10`"
+            )
 
 
 def _advise_on_cage_edits(summary: PoseSummary) -> Iterator[Said]:
@@ -195,7 +203,7 @@ def _advise_on_far_vertices(summary: PoseSummary, far: AnchorSummary) -> Iterato
         yield (
             f"vertex {summary.vertex} moves by {format_length(summary.moved)}"
             f"{_format_frame_suffix(summary.frame)}, {than}; pin a point near it, or give the "
-            "handles a radius in the handles file"
+            "handles a smaller `radius`"
         )
 
 

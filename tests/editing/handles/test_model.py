@@ -100,3 +100,23 @@ def test_pixels_downwards_are_down():
         FRAMES, POSITIONS
     )
     assert ((found - POSITIONS)[:, 1] < 0).all()
+
+
+def test_values_ease_from_key_to_key_as_is_said():
+    keys, values = np.array([2.0, 6.0, 10.0]), np.array([[0.0], [4.0], [2.0]])
+    found = {
+        ease: Motion("offset", values, keys, ease=ease).evaluate(FRAMES)[:, 0]
+        for ease in ("smooth", "linear", "stepped")
+    }
+    np.testing.assert_array_equal(found["linear"], [0, 0, 0, 1, 2, 3, 4, 3.5, 3, 2.5, 2, 2])
+    np.testing.assert_array_equal(found["stepped"], [0, 0, 0, 0, 0, 0, 4, 4, 4, 4, 2, 2])
+    for one in found.values():
+        np.testing.assert_array_equal(one[[2, 6, 10]], [0, 4, 2])
+    assert abs(found["smooth"][3] - 1) > 0.1
+
+
+def test_an_offset_turns_with_the_surface():
+    turns = np.stack([np.eye(3), [[0, 1, 0], [-1, 0, 0], [0, 0, 1]]])
+    motion = Motion("offset", np.array([[1.0, 0, 0]]), turns=True)
+    found = motion.targets(np.arange(2), np.zeros((2, 3)), turns)
+    np.testing.assert_array_equal(found, [[1, 0, 0], [0, 1, 0]])

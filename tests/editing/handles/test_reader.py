@@ -111,13 +111,9 @@ REFUSED = {
         {"handles": [HAND | {"name": "a\nb\ud800"}]},
         "handle 'a\\nb\\ud800': name ",
     ),
-    "a radius of a pin": (
-        {"handles": [HAND, {"name": "foot", "vertex": 1, "pin": True, "radius": 1}]},
-        "handle 'foot': radius: a pin does not move",
-    ),
-    "a handle without a radius": (
-        {"handles": [HAND | {"radius": 1}, HAND | {"name": "other"}]},
-        "handle 'other': has no radius, and 'hand' has one; give it one, or put it in a set of",
+    "a radius without a hold": (
+        {"handles": [HAND | {"radius": 1}], "hold": False},
+        "handle 'hand': radius: needs `hold`, which is false; remove one of them",
     ),
     "no camera": ({"handles": [SCREEN]}, "handle 'nose': screen: there is no camera"),
     "a camera of another set": (

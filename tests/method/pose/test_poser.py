@@ -1,3 +1,4 @@
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 
@@ -18,6 +19,9 @@ from cageik_cli.method.pose.poser import Poser
 from cageik_cli.method.weights.binding import Binding
 from cageik_cli.util.errors import HandlesError, NumericalError, SettingError
 from tests.shapes import ball, box, concave, finer, octahedron, rotation
+
+FreePoser = partial(Poser, hold=False)
+"""A poser whose model follows its anchors everywhere, as in the paper."""
 
 CAGE = finer(concave(), 1)
 FACES = np.arange(60).reshape(-1, 3)
@@ -79,7 +83,7 @@ def binding():
 @pytest.mark.parametrize("count", [1, 3, 8, 41, 42, 60])
 @pytest.mark.parametrize("alpha", [1e-6, 1e-3, 1.0, 100.0])
 def test_the_cage_is_the_least_squares_solution_of_the_stacked_system(binding, alpha, count):
-    poser = Poser(binding, some_anchors(count), alpha, beta=0.7)
+    poser = FreePoser(binding, some_anchors(count), alpha, beta=0.7)
     moves = some_moves(count)
     expected = least_squares(poser, moves)
     np.testing.assert_allclose(poser.solve_cage(moves), expected, atol=1e-9 * CAGE.diagonal)
@@ -91,7 +95,7 @@ def test_an_anchor_of_larger_weight_is_met_better(binding):
     """The oracle must be able to fail: other weights are another minimum."""
     anchors, moves = some_anchors(8), some_moves(8)
     heavy = [Anchor("a0", anchors[0].point, 50.0), *anchors[1:]]
-    light, heavy = (Poser(binding, chosen, alpha=1.0) for chosen in (anchors, heavy))
+    light, heavy = (FreePoser(binding, chosen, alpha=1.0) for chosen in (anchors, heavy))
 
     def miss(poser):
         return np.linalg.norm(reached(poser, moves)[0] - moves[0])
@@ -109,18 +113,18 @@ def reached(poser, moves, rigidity=0):
 @pytest.mark.parametrize("rigidity", [0, 5])
 def test_anchors_are_met_when_beta_is_large_and_exactly_when_hard(binding, rigidity):
     moves = some_moves(8)
-    soft = Poser(binding, some_anchors(8), alpha=1e-8)
+    soft = FreePoser(binding, some_anchors(8), alpha=1e-8)
     assert np.abs(reached(soft, moves, rigidity) - moves).max() < 1e-6 * binding.rest.diagonal
-    hard = Poser(binding, some_anchors(8, hard=range(8)), alpha=1.0)
+    hard = FreePoser(binding, some_anchors(8, hard=range(8)), alpha=1.0)
     assert np.abs(reached(hard, moves, rigidity) - moves).max() < 1e-12 * binding.rest.diagonal
-    weak = Poser(binding, some_anchors(8), alpha=1.0)
+    weak = FreePoser(binding, some_anchors(8), alpha=1.0)
     assert np.abs(reached(weak, moves, rigidity) - moves).max() > 1e-3
 
 
 @pytest.mark.parametrize("alpha", [1e-6, 1.0])
 def test_hard_and_soft_anchors_together_solve_the_system_of_lagrange(binding, alpha):
     anchors, moves = some_anchors(9, hard=(1, 4, 5)), some_moves(9)
-    poser = Poser(binding, anchors, alpha)
+    poser = FreePoser(binding, anchors, alpha)
     rows, n = anchor_matrix(anchors, binding.weights), len(CAGE.vertices)
     soft, hard = [0, 2, 3, 6, 7, 8], [1, 4, 5]
     counts = np.array([anchor.weight for anchor in anchors]) / len(anchors)
@@ -141,7 +145,7 @@ CAGES = {"one": CAGE, "two": joined(CAGE, octahedron(0.1)), "three": SHELLS}
 @pytest.mark.parametrize("count", [1, 2, 3, 8])
 @pytest.mark.parametrize("hard", [True, False])
 def test_one_translation_of_all_anchors_moves_all_by_it(cage, rigidity, count, hard):
-    poser = Poser(bound(cage), some_anchors(count, hard=range(count) if hard else ()))
+    poser = FreePoser(bound(cage), some_anchors(count, hard=range(count) if hard else ()))
     shift = np.array([3.0, -2.0, 0.5])
     moves = np.tile(shift, (count, 1))
     rest = poser.binding
@@ -156,7 +160,7 @@ def test_one_translation_of_all_anchors_moves_all_by_it(cage, rigidity, count, h
 @pytest.mark.parametrize("count", [1, 2, 3, 6])
 def test_free_components_move_as_little_as_possible_relative_to_each_other(count):
     """Of all minima, found by lstsq and the null space, that of the least relative motion."""
-    poser, moves = Poser(bound(SHELLS), some_anchors(count), alpha=1e-2), some_moves(count)
+    poser, moves = FreePoser(bound(SHELLS), some_anchors(count), alpha=1e-2), some_moves(count)
     assert poser.free_modes == max(3 - count, 0)
     found = poser.solve_cage(moves) - SHELLS.vertices
     matrix, scale = stacked(poser)
@@ -176,9 +180,9 @@ def test_a_component_without_anchors_follows_the_others():
     weights = bound(CAGE).weights
     apart = np.hstack([weights, np.zeros((60, 6))])
     binding, moves = Binding(TriMesh(apart @ cage.vertices, FACES), cage, apart), some_moves(7)
-    poser = Poser(binding, some_anchors(7), alpha=48 / 42)
+    poser = FreePoser(binding, some_anchors(7), alpha=48 / 42)
     posed = poser.solve_cage(moves) - cage.vertices
-    alone = Poser(bound(CAGE), some_anchors(7), alpha=1.0).solve_cage(moves) - CAGE.vertices
+    alone = FreePoser(bound(CAGE), some_anchors(7), alpha=1.0).solve_cage(moves) - CAGE.vertices
     np.testing.assert_allclose(posed[:42], alone, atol=1e-9)
     np.testing.assert_allclose(np.ptp(posed[42:], axis=0), 0, atol=1e-12)
     assert np.abs(posed[42:]).max() < 2 * np.abs(moves).max()
@@ -187,7 +191,7 @@ def test_a_component_without_anchors_follows_the_others():
 @pytest.mark.parametrize("rigidity", [0, 4])
 @pytest.mark.parametrize("count", [0, 5])
 def test_without_anchors_or_displacements_nothing_moves_a_bit(binding, rigidity, count):
-    poser, still = Poser(binding, some_anchors(count, hard=(2,))), np.zeros((2, count, 3))
+    poser, still = FreePoser(binding, some_anchors(count, hard=(2,))), np.zeros((2, count, 3))
     assert poser.free_modes == (count == 0)
     np.testing.assert_array_equal(poser.solve_cage(still[0], rigidity), CAGE.vertices)
     np.testing.assert_array_equal(poser.solve_mesh(still[0], rigidity), binding.rest.vertices)
@@ -197,7 +201,7 @@ def test_without_anchors_or_displacements_nothing_moves_a_bit(binding, rigidity,
 
 def test_targets_are_displacements_from_the_rest_pose(binding):
     anchors = [Anchor("a", point_at_vertex(binding.rest, 7), hard=True)]
-    poser = Poser(binding, anchors)
+    poser = FreePoser(binding, anchors)
     target = np.array([[0.3, 0.1, -2.0]])
     posed = poser.solve_mesh(poser.displacements(target))
     np.testing.assert_allclose(posed[7], target[0], atol=1e-13)
@@ -205,22 +209,22 @@ def test_targets_are_displacements_from_the_rest_pose(binding):
 
 def test_adding_or_removing_an_anchor_equals_a_new_poser(binding):
     anchors, moves = some_anchors(6), some_moves(6)
-    whole = Poser(binding, anchors)
+    whole = FreePoser(binding, anchors)
     whole.solve_mesh(moves)  # its response is not to be taken for another's
     less = whole.without_anchor("a2")
     kept = [*anchors[:2], *anchors[3:]]
     assert less.anchors == tuple(kept)
     np.testing.assert_array_equal(
-        less.solve_mesh(moves[1:]), Poser(binding, kept).solve_mesh(moves[1:])
+        less.solve_mesh(moves[1:]), FreePoser(binding, kept).solve_mesh(moves[1:])
     )
     more = less.with_anchor(anchors[2])
-    new = Poser(binding, [*kept, anchors[2]])
+    new = FreePoser(binding, [*kept, anchors[2]])
     for rigidity in (0, 2):
         np.testing.assert_array_equal(
             more.solve_cage(moves, rigidity), new.solve_cage(moves, rigidity)
         )
     np.testing.assert_array_equal(
-        whole.solve_mesh(moves), Poser(binding, anchors).solve_mesh(moves)
+        whole.solve_mesh(moves), FreePoser(binding, anchors).solve_mesh(moves)
     )
     with pytest.raises(HandlesError, match="'a0'"):
         whole.with_anchor(anchors[0])
@@ -231,7 +235,7 @@ def test_adding_or_removing_an_anchor_equals_a_new_poser(binding):
 @pytest.mark.parametrize("rigidity", [0, 3])
 def test_locked_vertices_stay_and_the_rest_is_the_reduced_minimum(binding, rigidity):
     locked, moves = (0, 5, 17), some_moves(6)
-    poser = Poser(binding, some_anchors(6), alpha=1e-3, constraints=CageConstraints(locked))
+    poser = FreePoser(binding, some_anchors(6), alpha=1e-3, constraints=CageConstraints(locked))
     posed = poser.solve_cage(moves, rigidity)
     np.testing.assert_array_equal(posed[list(locked)], CAGE.vertices[list(locked)])
     if rigidity:
@@ -244,7 +248,7 @@ def test_locked_vertices_stay_and_the_rest_is_the_reduced_minimum(binding, rigid
 
 
 def test_a_fully_locked_cage_stays(binding):
-    poser = Poser(
+    poser = FreePoser(
         binding, some_anchors(2), constraints=CageConstraints(tuple(range(len(CAGE.vertices))))
     )
     np.testing.assert_array_equal(poser.solve_cage(some_moves(2)), CAGE.vertices)
@@ -264,18 +268,20 @@ def images(cage):
 @pytest.mark.parametrize("rigidity", [0, 3])
 @pytest.mark.parametrize("locked", [(), (3, 11)])
 def test_a_mirrored_pose_is_symmetric_and_so_is_its_response_to_what_is_not(rigidity, locked):
-    poser = Poser(bound(ROUND), some_anchors(5), constraints=CageConstraints(locked, MIRROR))
+    poser = FreePoser(bound(ROUND), some_anchors(5), constraints=CageConstraints(locked, MIRROR))
     posed = poser.solve_cage(some_moves(5), rigidity)
     assert np.abs(posed - ROUND.vertices).max() > 0.05
     np.testing.assert_allclose(MIRROR.reflect(posed), posed[images(ROUND)], atol=1e-12)
-    free = Poser(bound(ROUND), some_anchors(5)).solve_cage(some_moves(5), rigidity)
+    free = FreePoser(bound(ROUND), some_anchors(5)).solve_cage(some_moves(5), rigidity)
     assert np.abs(MIRROR.reflect(free) - free[images(ROUND)]).max() > 0.05
 
 
 @pytest.mark.parametrize("alpha", [1e-4, 1.0])
 def test_a_mirrored_pose_is_the_least_squares_solution_of_symmetric_motions(alpha):
     """All 3 n unknowns at once, of which the symmetric ones are a null space."""
-    poser = Poser(bound(ROUND), some_anchors(5), alpha, constraints=CageConstraints((3,), MIRROR))
+    poser = FreePoser(
+        bound(ROUND), some_anchors(5), alpha, constraints=CageConstraints((3,), MIRROR)
+    )
     moves, n = some_moves(5), len(ROUND.vertices)
     matrix, scale = stacked(poser)
     flip = np.eye(3) - 2 * np.outer(TURN[:, 0], TURN[:, 0])
@@ -298,25 +304,25 @@ def test_edited_frames_are_posed_each_from_its_own_cage(binding, rigidity, ties)
     moves = 0.2 * generator.normal(size=(5, 4, 3))
     moves[[1, 3]] = 0
     kept = cages.copy()
-    edited = Poser(binding, anchors, constraints=ties).edit_cages(cages, moves, rigidity)
+    edited = FreePoser(binding, anchors, constraints=ties).edit_cages(cages, moves, rigidity)
     np.testing.assert_array_equal(cages, kept)
     np.testing.assert_array_equal(edited[[1, 3]], cages[[1, 3]])
     for k in (0, 2, 4):
         own = TriMesh(cages[k], CAGE.faces)
         posed = Binding(TriMesh(binding.weights @ cages[k], FACES), own, binding.weights)
-        single = Poser(posed, anchors, constraints=ties).solve_cage(moves[k], rigidity)
+        single = FreePoser(posed, anchors, constraints=ties).solve_cage(moves[k], rigidity)
         np.testing.assert_allclose(edited[k], single, atol=1e-12)
 
 
 def test_no_frames_are_edited_to_none(binding):
-    poser = Poser(binding, some_anchors(3))
+    poser = FreePoser(binding, some_anchors(3))
     assert poser.edit_cages(np.empty((0, 42, 3)), np.empty((0, 3, 3)), 2).shape == (0, 42, 3)
 
 
 def test_anchors_turned_rigidly_turn_the_cage_with_enough_rounds_only(binding):
     """The rigid motion has no energy: the rounds come to it, and the linear solve shears."""
     turn = Rotation.from_rotvec([0.2, -0.5, 0.9]).as_matrix()
-    poser = Poser(binding, some_anchors(12, hard=range(12)))
+    poser = FreePoser(binding, some_anchors(12, hard=range(12)))
     at_rest = anchor_matrix(poser.anchors, binding.weights) @ CAGE.vertices
     moves, rigid = at_rest @ turn.T - at_rest, CAGE.vertices @ turn.T
     errors = [np.abs(poser.solve_cage(moves, rounds) - rigid).max() for rounds in (0, 3, 30, 1000)]
@@ -329,7 +335,7 @@ def test_hard_anchors_on_one_point_are_refused_and_soft_ones_meet_half_way(bindi
     anchors, moves = some_anchors(4), some_moves(4)
     point = anchors[1].point
     twins = [Anchor("toe", point), Anchor("heel", point)]
-    soft = Poser(binding, [*anchors, *twins], alpha=1e-9)
+    soft = FreePoser(binding, [*anchors, *twins], alpha=1e-9)
     found = reached(soft, np.vstack([moves, [[0, 0, 0], [0, 0, 1]]]))
     np.testing.assert_allclose(found[4], found[5])
     weight = anchors[1].weight
@@ -338,13 +344,13 @@ def test_hard_anchors_on_one_point_are_refused_and_soft_ones_meet_half_way(bindi
     hard = [Anchor(anchor.name, point, hard=True) for anchor in twins]
     says = r"^anchors 'heel' and 'toe' conflict \(condition number inf, limit 1e12\): remove one"
     with pytest.raises(NumericalError, match=says):
-        Poser(binding, [*anchors, hard[1], hard[0]])
+        FreePoser(binding, [*anchors, hard[1], hard[0]])
 
 
 def test_more_hard_anchors_than_the_cage_can_follow_are_refused(binding):
     with pytest.raises(NumericalError, match=r"^anchors 'a\d+', 'a\d+' and 'a\d+' conflict"):
-        Poser(binding, some_anchors(43, hard=range(43)))
-    assert Poser(binding, some_anchors(43)).condition_number < 1e12
+        FreePoser(binding, some_anchors(43, hard=range(43)))
+    assert FreePoser(binding, some_anchors(43)).condition_number < 1e12
 
 
 def test_a_hard_anchor_on_a_locked_cage_vertex_is_refused_alone(binding):
@@ -356,8 +362,10 @@ def test_a_hard_anchor_on_a_locked_cage_vertex_is_refused_alone(binding):
     others = [Anchor("other", point_at_vertex(held.rest, 4), hard=True)]
     says = r"^anchor 'corner' cannot be met \(condition number inf, limit 1e12\)"
     with pytest.raises(NumericalError, match=says):
-        Poser(held, [*others, corner], constraints=CageConstraints((5,)))
-    soft = Poser(held, [*others, Anchor("corner", corner.point)], constraints=CageConstraints((5,)))
+        FreePoser(held, [*others, corner], constraints=CageConstraints((5,)))
+    soft = FreePoser(
+        held, [*others, Anchor("corner", corner.point)], constraints=CageConstraints((5,))
+    )
     np.testing.assert_array_equal(soft.solve_cage(some_moves(2))[5], CAGE.vertices[5])
 
 
@@ -365,7 +373,7 @@ def test_a_hard_anchor_on_a_locked_cage_vertex_is_refused_alone(binding):
 @pytest.mark.parametrize("name", ["alpha", "beta"])
 def test_invalid_weights_are_refused(binding, name, value):
     with pytest.raises(SettingError, match=f"`{name}=` is {value}"):
-        Poser(binding, [], **{name: value})
+        FreePoser(binding, [], **{name: value})
 
 
 @settings(max_examples=15)
@@ -382,10 +390,10 @@ def test_posing_commutes_with_motions_and_units(binding, count, seed, scale, rig
     moves, turn, shift = some_moves(count, seed), scale * rotation(seed), np.array([5.0, -3, 1])
     cage = TriMesh(CAGE.vertices @ turn.T + scale * shift, CAGE.faces)
     rest = TriMesh(binding.rest.vertices @ turn.T + scale * shift, FACES)
-    found = Poser(Binding(rest, cage, binding.weights), anchors).solve_mesh(
+    found = FreePoser(Binding(rest, cage, binding.weights), anchors).solve_mesh(
         moves @ turn.T, rigidity
     )
-    expected = Poser(binding, anchors).solve_mesh(moves, rigidity) @ turn.T + scale * shift
+    expected = FreePoser(binding, anchors).solve_mesh(moves, rigidity) @ turn.T + scale * shift
     np.testing.assert_allclose(found, expected, atol=1e-9 * scale)
 
 
@@ -393,7 +401,7 @@ def test_posing_commutes_with_motions_and_units(binding, count, seed, scale, rig
 @given(st.integers(1, 12), st.integers(0, 10**6), st.floats(-3, 3))
 def test_poses_add_up(binding, count, seed, share):
     """Without rigidity everything is linear in the anchors' displacements."""
-    poser = Poser(binding, some_anchors(count, seed))
+    poser = FreePoser(binding, some_anchors(count, seed))
     one, two = some_moves(count, seed), some_moves(count, seed + 1)
     moved = [poser.solve_cage(moves) - CAGE.vertices for moves in (one, two, one + share * two)]
     np.testing.assert_allclose(moved[2], moved[0] + share * moved[1], atol=1e-10)
@@ -410,7 +418,7 @@ def test_hard_anchors_are_met_at_large_condition_numbers(mirror, rigidity):
         Anchor(f"a{k}", SurfacePoint(face, share), hard=True)
         for k, (face, share) in enumerate(zip(faces, shares, strict=True))
     ]
-    poser = Poser(held, anchors, constraints=CageConstraints((3, 11), mirror))
+    poser = FreePoser(held, anchors, constraints=CageConstraints((3, 11), mirror))
     assert 1e8 < poser.condition_number < 1e12
     moves = some_moves(3)
     assert np.abs(reached(poser, moves, rigidity) - moves).max() < 1e-9
@@ -422,7 +430,7 @@ def test_large_motions_with_rigidity_do_not_jump():
     generator = np.random.default_rng(11)
     chosen = generator.choice(len(rest.vertices), 4, replace=False)
     anchors = [Anchor(f"a{k}", point_at_vertex(rest, int(k))) for k in chosen]
-    poser = Poser(bind(rest, cage, coordinates="mean-value"), anchors)
+    poser = FreePoser(bind(rest, cage, coordinates="mean-value"), anchors)
     moves = generator.normal(size=(4, 3))
     moves *= 1.2 * rest.diagonal / np.linalg.norm(moves, axis=1).max()
 

@@ -12,12 +12,15 @@ HAND = AnchorSummary("hand", "", 7, None, None, 0.2, 1e-9, 5e-8, "f_7")
 EDIT = PoseSummary(
     diagonal=2.0, anchors=(HAND,), rms=0.03, rms_percent=1.5, moved=0.25, moved_least=0.0,
     vertex=7, frame="f_8", cage_moved=0.3, cage_vertex=2, volume_change_percent=1.25,
-    condition_number=152.0, rigidity=0, changed=("f_3", "f_9"),
+    condition_number=152.0, rigidity=0, hold=True, changed=("f_3", "f_9"),
+    volume_frame="f_4", moved_share_percent=12.34, share_frame="f_5",
 )  # fmt: skip
 POSE = replace(
     EDIT,
     anchors=(replace(HAND, frame=""),),
     frame="",
+    volume_frame="",
+    share_frame="",
     changed=None,
 )
 
@@ -37,8 +40,10 @@ def test_an_edit_names_its_frames():
         "hand: moved 0.2, misses its target by 5.0e-08 % of the diagonal in f_7"
     )
     assert rows["moved most"] == "vertex 7 by 0.25 in f_8, cage vertex 2 by 0.3"
-    assert rows["mesh moved"] == "1.5000 % of the diagonal (rms 0.03)"
-    assert rows["volume change"] == "largest +1.2500 %"
+    assert rows["mesh moved"] == (
+        "12.3 % of it by more than 0.5 % of the diagonal in f_5, rms 1.5000 % (0.03)"
+    )
+    assert rows["volume change"] == "largest +1.2500 % in f_4"
     assert rows["changed"] == "f_3 to f_9; all other frames are unchanged"
     assert rows["system"] == "condition number 152 (how much it amplifies noise)"
     assert {"note", "beyond radius"}.isdisjoint(rows)
