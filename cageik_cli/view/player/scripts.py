@@ -23,6 +23,7 @@ PLAYER_SCRIPTS = (
     "axes",
     "parts",
     "response",
+    "hold",
     "poser",
     "tracks",
     "document",

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.mirror import find_mirror
 from cageik_cli.geometry.parts import get_parts
+from cageik_cli.geometry.surface_distance import SurfaceDistances
 from cageik_cli.method.pose.constraints import MAX_ASYMMETRY
 from cageik_cli.method.pose.settings import DEFAULT_POSE_ALPHA
 from cageik_cli.method.weights.binding import Binding
@@ -73,6 +74,7 @@ REST_SCRIPTS = ("apply", "cage_mesh", "rest_mode")
 """Scripts that are added for the page of a rest cage."""
 
 POSE_SCRIPTS = (
+    "hold",
     "response",
     "poser",
     "tracks",
@@ -275,7 +277,7 @@ def build_payload(clip: PlayerClip, apply_url: str = "") -> str:
         "signedColours": list(SIGNED_SCALE),
         "missing": MESH_COLOURS["missing"],
         "alpha": DEFAULT_POSE_ALPHA,
-        "rigidity": 10,  # rounds that the page offers first
+        "rigidity": 0,  # rounds that the page offers first: limbs that are held swing without them
         "target": clip.target,
         "applyUrl": apply_url,
     }
@@ -284,6 +286,10 @@ def build_payload(clip: PlayerClip, apply_url: str = "") -> str:
         arrays |= _mark_polygons("joinedFaces", rest)
     if (tints := find_base_colours(rest)) is not None:
         arrays["tints"] = tints[chosen]
+    if len(faces):
+        links = SurfaceDistances(TriMesh(rest.vertices[chosen], faces)).links
+        if len(links):
+            arrays["links"] = links.astype("<u4")
     if len(chosen) < len(rest.vertices):
         arrays["vertices"] = chosen.astype("<u4")
     header |= _add_errors(clip, chosen, arrays)

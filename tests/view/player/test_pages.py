@@ -25,7 +25,7 @@ from tests.report.markup import find_faults, parse_page
 from tests.shapes import ball, box
 from tests.view.player.rebuild import unpack_payload
 
-MAX_SCRIPT_BYTES = 90_500
+MAX_SCRIPT_BYTES = 110_000
 
 
 @pytest.fixture(scope="module")

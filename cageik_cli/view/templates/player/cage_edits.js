@@ -6,6 +6,7 @@ function readCageEdits(text, clip) {
     const at = `edit ${JSON.stringify(edit?.name)}`, vertices = new Set();
     checkName(edit?.name, file.edits.slice(0, k), at);
     checkSpan(edit, clip, `${at}: `);
+    if (!(edit.axes === undefined || ["world", "surface"].includes(edit.axes))) refuse(`${at}: axes`, 'expected "world" or "surface"');
     if (!Array.isArray(edit.moves) || !edit.moves.length) refuse(`${at}: moves`, "expected a list of moves");
     for (const move of edit.moves) {
       checkCageVertex(move?.vertex, clip, at);
@@ -25,14 +26,27 @@ function moveCage({ edits }, clip, frame) {
   let cage = own;
   for (const edit of edits) {
     const strength = blendSet(edit, number) / clip.diagonal;
+    const before = edit.axes === "surface" ? Float64Array.from(cage) : cage;
     if (strength) for (const { vertex, offset } of edit.moves) {
-      const move = evaluateTrack(offset, number);
+      let move = evaluateTrack(offset, number);
       if (!move.some(Boolean)) continue;
+      if (edit.axes === "surface") move = turnWithCage(move, vertex, clip, before);
       if (cage === own) cage = Float64Array.from(own);
       for (let a = 0; a < 3; a++) cage[3 * vertex + a] += strength * move[a];
     }
   }
   return cage;
+}
+
+// An offset at rest, turned with the cage around a vertex (method/pose/rigidity.py).
+function turnWithCage(move, vertex, clip, cage) {
+  const { cage: rest, cageFaces } = clip.arrays, sum = zeros(9);
+  clip.rings ??= listNeighbours(listEdges(cageFaces), rest.length / 3);
+  for (const near of clip.rings[vertex]) for (let r = 0; r < 3; r++) for (let c = 0; c < 3; c++) {
+    sum[3 * r + c] += (cage[3 * vertex + r] - cage[3 * near + r]) * (rest[3 * vertex + c] - rest[3 * near + c]);
+  }
+  nearestRotation(sum, sum);
+  return [0, 3, 6].map((r) => dot(sum.subarray(r, r + 3), move));
 }
 
 // What a file holds: edits that move something.

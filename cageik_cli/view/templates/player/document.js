@@ -1,9 +1,11 @@
 // The handles file (editing/handles/schema.json): the page edits its JSON, and saves it as it is.
 const MAX_FILE_BYTES = 2e6, BARYCENTRIC_TOLERANCE = 1e-6;
 
+const TRACKS = { offset: 1, target: 1 };
+
 const listSets = (file) => file.sets ?? [file];
 
-const motionOf = (handle) => ["offset", "target", "pin"].find((name) => name in handle);
+const motionOf = (handle) => ["offset", "target", "pin", "stay"].find((name) => name in handle);
 
 // Reads the text of a file of JSON.
 function parseFile(text, kind) {
@@ -34,6 +36,7 @@ const isPoint = (value) => Array.isArray(value) && value.length === 3 && value.e
 function checkSet(set, clip, where) {
   if (!Array.isArray(set?.handles) || !set.handles.length) refuse(`${where}handles`, "expected a list of handles");
   checkSpan(set, clip, where);
+  if (!(set.hold === undefined || typeof set.hold === "boolean")) refuse(`${where}hold`, "expected true or false");
   const places = new Set();
   set.handles.forEach((handle, k) => {
     const at = `${where}handle ${JSON.stringify(handle?.name)}`, motion = handle && motionOf(handle);
@@ -42,10 +45,12 @@ function checkSet(set, clip, where) {
     const place = resolvePlace(handle, clip, at), key = place.corners.map((corner, k) => place.shares[k] ? corner : "").join();
     if (place.shares.includes(1) && places.has(key)) refuse(at, "another handle is at the same vertex");
     places.add(key);
-    if ("radius" in handle) refuse(`${at}: radius`, "the page does not show it; use cageik pose");
+    if ("radius" in handle && !(handle.radius > 0 && handle.radius <= 1e50)) refuse(`${at}: radius`, "expected a number above 0");
+    if ("radius" in handle && set.hold === false) refuse(`${at}: radius`, "needs `hold`, which is false; remove one of them");
+    if (!(handle.axes === undefined || ("offset" in handle && ["world", "surface"].includes(handle.axes)))) refuse(`${at}: axes`, 'expected "world" or "surface", of an offset');
     if (!(handle.weight === undefined || (handle.weight >= 1e-12 && handle.weight <= 1e12))) refuse(`${at}: weight`, "expected a number from 1e-12 to 1e12");
-    if (!motion) refuse(at, "expected a target, an offset or a pin");
-    if (motion !== "pin") checkTrack(handle[motion], clip, `${at}: ${motion}`);
+    if (!motion) refuse(at, "expected a target, an offset, a pin or stay");
+    if (motion in TRACKS) checkTrack(handle[motion], clip, `${at}: ${motion}`);
   });
 }
 
@@ -61,6 +66,7 @@ function checkTrack(track, clip, where) {
   if (isPoint(track)) return;
   const keys = track?.frames, isKeyed = Array.isArray(keys) && keys.length && keys.length === track.values?.length && track.values.every(isPoint);
   if (!isKeyed || !clip.isClip || !keys.every((k, i) => clip.hasNumber(k) && (!i || k > keys[i - 1]))) refuse(where, "expected three numbers, or keyframes of the clip");
+  if (!(track.ease === undefined || EASES.includes(track.ease))) refuse(`${where}: ease`, `expected one of ${EASES.join(", ")}`);
 }
 
 // The drawn vertices and shares of a handle's place.

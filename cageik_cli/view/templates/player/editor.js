@@ -68,15 +68,15 @@ class Editor extends Past {
 
   // Anchors and poser of a set; a poser is kept while its anchors stay.
   prepare(set, old) {
-    const { mirror, locked = [] } = this.file;
-    const key = JSON.stringify([mirror, locked, set.handles.map(({ vertex, face, barycentric, weight, hard }) => [vertex, face, barycentric, weight, hard])]);
+    const { mirror, locked = [] } = this.file, isHeld = set.hold !== false;
+    const key = JSON.stringify([mirror, locked, isHeld, set.handles.map(({ vertex, face, barycentric, weight, hard, radius }) => [vertex, face, barycentric, weight, hard, radius])]);
     if (old?.key === key) return { ...old, set };
     const layer = { key, set, anchors: set.handles.map((handle) => this.makeAnchor(handle)), poser: null };
     this.message = "";
     if (!set.handles.length) return layer;
     try {
-      const shared = JSON.stringify([mirror, locked]);
-      if (this.shared?.key !== shared) this.shared = { key: shared, ...this.makeSolvers(mirror, locked) };
+      const shared = JSON.stringify([mirror, locked, isHeld]);
+      if (this.shared?.key !== shared) this.shared = { key: shared, ...this.makeSolvers(mirror, locked, isHeld) };
       layer.poser = new Poser(this.shared, layer.anchors, this.clip.alpha);
       if (!layer.poser.isMet) throw new Error("two handles conflict: they cannot be met independently; move or delete one");
     } catch (error) {
@@ -86,14 +86,17 @@ class Editor extends Past {
     return layer;
   }
 
-  makeSolvers(mirror, locked) {
+  get surface() { return this.held ??= new HeldSurface(this.skin, this.clip.arrays); }
+
+  makeSolvers(mirror, locked, isHeld) {
     const local = mirror && { normal: normalize(mirror.normal), point: this.clip.fromFile(mirror.point) };
-    return makeSolvers(this.skin.cage, this.clip.arrays.cageFaces, locked, local);
+    return makeSolvers(this.skin.cage, this.clip.arrays.cageFaces, locked, local, isHeld ? this.surface : null);
   }
 
   makeAnchor(handle) {
     const { corners, shares } = resolvePlace(handle, this.clip, handle.name);
-    return { corners, shares, weight: handle.weight ?? 1, hard: Boolean(handle.hard), ...this.skin.anchor(corners, shares) };
+    const radius = handle.radius && handle.radius / this.clip.diagonal;
+    return { corners, shares, radius, weight: handle.weight ?? 1, hard: Boolean(handle.hard), ...this.skin.anchor(corners, shares) };
   }
 
   isEdited(frame) { return this.cageAt(frame) !== this.clip.cage(frame); }
@@ -121,11 +124,23 @@ class Editor extends Past {
     let cage = this.movedCage(frame);
     for (const layer of this.layers.slice(0, count)) {
       if (!layer.poser) continue;
-      const moves = this.displace(layer, frame, cage), { normal } = this.shared;
-      layer.poser.normal = normal && turn(normal, this.clip.rotation(frame));
+      const moves = this.displace(layer, frame, cage), { mirror } = layer.poser;
+      layer.poser.normal = mirror && turn(mirror.normal, this.clip.rotation(frame));
       if (moves.some(Boolean)) cage = layer.poser.edit(cage, moves, this.roundsNow);
     }
     return cage;
+  }
+
+  // An offset in the axes of the surface around its anchor.
+  turnOffset(anchor, offset, frame, cage) {
+    anchor.axes ??= this.surface.makeAxes(anchor);
+    return turn(offset, this.surface.findTurn(anchor.axes, cage, this.clip.rotation(frame)));
+  }
+
+  // Where an anchor of a layer is in the first frame of its set, before it.
+  findFirstPlace({ set, anchors }, k) {
+    const first = set.frames ? this.clip.frameOf(set.frames[0]) : 0, at = this.layers.findIndex((layer) => layer.set === set);
+    return this.skin.place(anchors[k], this.apply(first, max(0, at)), this.clip.rotation(first));
   }
 
   displace({ set, anchors }, frame, cage) {
@@ -134,9 +149,10 @@ class Editor extends Past {
     anchors.forEach((anchor, k) => {
       const handle = set.handles[k], motion = motionOf(handle);
       if (motion === "pin") return;
-      const value = evaluateTrack(handle[motion], number);
-      const move = motion === "offset" ? scale(value, 1 / diagonal)
-        : minus(this.clip.fromFile(value), this.skin.place(anchor, cage, this.clip.rotation(frame)));
+      const place = this.skin.place(anchor, cage, this.clip.rotation(frame));
+      let move = motion === "stay" ? minus(this.findFirstPlace({ set, anchors }, k), place) : evaluateTrack(handle[motion], number);
+      if (motion === "target") move = minus(this.clip.fromFile(move), place);
+      if (motion === "offset") move = scale(handle.axes === "surface" ? this.turnOffset(anchor, move, frame, cage) : move, 1 / diagonal);
       moves.set(scale(move, strength), 3 * k);
     });
     return moves;

@@ -115,6 +115,6 @@ function showHandles(panel, { editor, clip, number, moved }) {
 
 // The command that does what the page shows; nothing if there is no edit.
 function makeCommand({ file, actingCageFile, hasEdits, clip, rounds }) {
-  const handles = listSets(file)[0].handles.length ? ` handles.json --rigidity ${rounds}` : "", cages = actingCageFile ? " --cage-edits cage_edits.json" : "";
+  const handles = listSets(file)[0].handles.length ? ` handles.json${rounds ? ` --rigidity ${rounds}` : ""}` : "", cages = actingCageFile ? " --cage-edits cage_edits.json" : "";
   return hasEdits ? `cageik pose ${clip.target}${handles}${cages} -o ${clip.isClip ? "edited.h5" : "posed.obj"}` : "";
 }

@@ -2,9 +2,10 @@
 const SETTLING_ROUNDS = 3;
 
 class Poser {
-  // `cageSolvers` is of `makeSolvers`; `anchors` have a row in cage space, a weight and `hard`.
+  // `cageSolvers` is of `makeSolvers`; `anchors` have a place, a row in cage space, a weight, `hard` and a radius or none.
   constructor(cageSolvers, anchors, alpha) {
     Object.assign(this, cageSolvers, { rows: anchors.map((one) => one.row) });
+    this.reaches = this.surface ? this.surface.findReaches(anchors, this.mirror) : [];
     const unit = alpha * anchors.length / this.rings.length;
     const compliance = anchors.map(({ hard, weight }) => hard ? 0 : unit / weight);
     this.responses = this.solvers.map((solver) => solver.respond(this.rows, compliance));
@@ -27,7 +28,13 @@ class Poser {
 
   // The cage whose anchors are displaced.
   edit(cage, moves, rounds) {
-    const straight = this.map(moves, (k, t) => combine(this.responses[k], t, this.rings.length));
+    let straight = this.map(moves, (k, t) => combine(this.responses[k], t, this.rings.length));
+    const forces = zeros(cage.length);
+    for (const reach of this.reaches) {
+      const move = pointOf(moves, reach.k), image = reach.isImage ? minus(move, scale(this.normal, 2 * dot(move, this.normal))) : move;
+      if (move.some(Boolean)) addForces(forces, reach, cage, image);
+    }
+    if (forces.some(Boolean)) straight = add(straight, this.map(forces, (k, f) => this.solvers[k].settle(f, this.rows, this.responses[k])));
     // The anchors go to their targets in steps, one per round, all but the last.
     const steps = max(1, rounds - max(SETTLING_ROUNDS, floor(rounds / 10)));
     let moved = scale(straight, 1 / steps);
@@ -59,10 +66,11 @@ class Poser {
   }
 }
 
-// What all posers of a cage share. `mirror` is null, or a normal and a point in the cage's units.
-function makeSolvers(cage, faces, locked, mirror) {
+// What all posers of a cage share. `mirror` is null, or a normal and a point in the cage's units; `surface` is
+// null where all of the model follows the handles.
+function makeSolvers(cage, faces, locked, mirror, surface) {
   const rings = listNeighbours(listEdges(faces), cage.length / 3), partners = mirror && findPartners(cage, mirror);
   if (mirror && !partners) throw new Error("mirror: the cage is not symmetric; move the plane, or remove the mirror");
-  const solvers = (mirror ? [1, -1] : [1]).map((sign) => new CoordinateSolver(rings, new Set(locked), partners, sign));
-  return { rings, solvers, normal: mirror?.normal };
+  const solvers = (mirror ? [1, -1] : [1]).map((sign) => new CoordinateSolver(rings, new Set(locked), partners, sign, surface?.gram));
+  return { rings, solvers, surface, mirror, normal: mirror?.normal };
 }

@@ -23,9 +23,9 @@ function listComponents(rings) {
 
 // One coordinate of all cage vertices; `sign` is -1 for that across a mirror.
 class CoordinateSolver {
-  constructor(rings, locked, partners, sign) {
+  constructor(rings, locked, partners, sign, gram) {
     const n = rings.length;
-    Object.assign(this, { rings, count: n, column: new Int32Array(n).fill(-1), share: zeros(n) });
+    Object.assign(this, { rings, gram, count: n, column: new Int32Array(n).fill(-1), share: zeros(n) });
     let width = 0;
     for (let k = 0; k < n; k++) {
       const partner = partners ? partners[k] : k;
@@ -44,6 +44,9 @@ class CoordinateSolver {
       if (near.length) add([entry(i, 1), ...near.map((j) => entry(j, -1 / near.length))].filter(([k]) => k >= 0));
     });
     for (const mode of this.modes) add([...this.restrict(mode)].map((x, k) => [k, x]));
+    gram?.forEach((row, k) => row.forEach((value, i) => {
+      if (this.column[k] >= 0 && this.column[i] >= 0) matrix[this.column[k]][this.column[i]] += this.share[k] * this.share[i] * value;
+    }));
     this.factor = factorize(matrix);
   }
 
@@ -57,7 +60,9 @@ class CoordinateSolver {
 
   // Motions of whole components that are free; that of the whole cage is the first, if it is.
   findFreeModes() {
-    const components = listComponents(this.rings);
+    // Components that the model is in are not free where it is held.
+    const most = this.gram && FREE_TOLERANCE * sumOf(this.gram.map((row, k) => row[k])) / this.count;
+    const components = listComponents(this.rings).filter((one) => !this.gram || dot(one, this.gram.map((row) => dot(row, one))) <= most);
     const { values, right } = decompose(components.map((one) => minus(one, this.extend(this.restrict(one)))));
     const free = right.filter((_, k) => values[k] < FREE_TOLERANCE).map((shares) => combine(components, shares));
     const whole = zeros(this.count).fill(this.count ** -0.5), shares = free.map((mode) => dot(mode, whole));
@@ -123,6 +128,11 @@ class CoordinateSolver {
       if (!near.length) forces[i] = 0;
       for (const j of near) forces[j] -= differences[i] / near.length;
     });
+    return this.settle(forces, rows, response);
+  }
+
+  // Displacements by forces on cage vertices, with the anchors where they are.
+  settle(forces, rows, response) {
     const moved = this.push(forces);
     const shares = rows.map((row) => dot(row, moved));
     response.forEach((one, i) => addTo(moved, -shares[i], one));

@@ -1,12 +1,16 @@
 // Values over the numbers of frames, as editing/handles/model.py and schedule.py have them.
 
-// A value, or keyframes: the monotone cubic of Fritsch and Butland 1984, constant beyond the keys.
+const EASES = ["smooth", "linear", "stepped"];
+
+// A value, or keyframes: the monotone cubic of Fritsch and Butland 1984, straight lines or steps, constant beyond the keys.
 function evaluateTrack(track, frame) {
   if (Array.isArray(track)) return track;
-  const { frames, values } = track, last = frames.length - 1, x = clamp(frame, frames[0], frames[last]);
+  const { frames, values, ease } = track, last = frames.length - 1, x = clamp(frame, frames[0], frames[last]);
   if (!last) return values[0];
-  const k = min(last - 1, max(0, frames.findLastIndex((one) => one <= x)));
+  const before = max(0, frames.findLastIndex((one) => one <= x)), k = min(last - 1, before);
   const step = frames[k + 1] - frames[k], t = (x - frames[k]) / step;
+  if (ease === "stepped") return values[before];
+  if (ease === "linear") return values[k].map((y, axis) => y + t * (values[k + 1][axis] - y));
   return values[0].map((_, axis) => {
     const y = values.map((one) => one[axis]), a = slopeAt(frames, y, k), b = slopeAt(frames, y, k + 1);
     return y[k] * (1 + 2 * t) * (1 - t) ** 2 + y[k + 1] * t * t * (3 - 2 * t) + step * t * (1 - t) * (a * (1 - t) - b * t);
