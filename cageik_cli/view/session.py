@@ -460,9 +460,4 @@ def read_first_edit(handles: Path | None, cage_edits: Path | None) -> EditFiles:
                         "not show; pose it with cageik pose, or give a vertex or a face, and an "
                         "offset or a target"
                     )
-                if handle.radius is not None:
-                    raise HandlesError(
-                        f"handle {handle.name!r}: has a radius, which the page does not show; pose "
-                        "it with cageik pose, or remove the radius"
-                    )
     return files

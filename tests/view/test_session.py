@@ -314,7 +314,6 @@ CAMERA = {"position": [0, 0, 5], "look_at": [0, 0, 0], "up": [0, 1, 0], "fov_deg
             },
             "'a': has a position or a screen",
         ),
-        ({"sets": [DOCUMENT, {"handles": [LIFT | {"radius": 2}]}]}, "'tip': has a radius"),
         ({"handles": [LIFT | {"vertex": 10**6}]}, "'tip': vertex: there is no vertex 1000000"),
         ({"frames": [0, 99], "handles": [LIFT]}, "frames: "),
     ],

@@ -32,6 +32,7 @@ PLAYER_SCRIPTS = (
     "handles",
     "cage_mode",
     "influence",
+    "edit_meter",
     "start",
 )
 """Scripts of the player, in the order in which they use each other."""

@@ -75,6 +75,7 @@ REST_SCRIPTS = ("apply", "cage_mesh", "rest_mode")
 
 POSE_SCRIPTS = (
     "hold",
+    "edit_meter",
     "response",
     "poser",
     "tracks",

@@ -99,6 +99,23 @@ class Editor extends Past {
     return { corners, shares, radius, weight: handle.weight ?? 1, hard: Boolean(handle.hard), ...this.skin.anchor(corners, shares) };
   }
 
+  // Whether an edit may change a frame.
+  isActive(frame) {
+    const number = this.clip.numberOf(frame), acts = (one) => blendSet(one, number) > 0;
+    return listSets(this.file).some((set) => set.handles.length && acts(set)) || this.cageFile.edits.some(acts);
+  }
+
+  // The reach of the selected handle, and its ring on the surface; null where all of the model follows.
+  get reach() { return this.layer.poser?.reaches.find(({ k, isImage }) => k === this.selected && !isImage) ?? null; }
+
+  // The points of that ring in the mesh that is drawn, two for each face that it goes through.
+  get ring() {
+    const { reach, clip: { arrays: { faces } }, stage: { positions } } = this;
+    if (!reach) return [];
+    reach.ring ??= traceRing(reach, faces);
+    return reach.ring.flatMap(([i, j, t]) => [0, 1, 2].map((a) => positions[3 * i + a] + t * (positions[3 * j + a] - positions[3 * i + a])));
+  }
+
   isEdited(frame) { return this.cageAt(frame) !== this.clip.cage(frame); }
 
   // The cage of a frame after the cage edits, which handles begin from.
@@ -135,6 +152,14 @@ class Editor extends Past {
   turnOffset(anchor, offset, frame, cage) {
     anchor.axes ??= this.surface.makeAxes(anchor);
     return turn(offset, this.surface.findTurn(anchor.axes, cage, this.clip.rotation(frame)));
+  }
+
+  // A move of the selected handle in this frame, in the axes of its offset.
+  turnBack(move) {
+    const { frame } = this.stage;
+    if (this.handle.axes !== "surface") return move;
+    const [x, y, z] = [[1, 0, 0], [0, 1, 0], [0, 0, 1]].map((axis) => this.turnOffset(this.layer.anchors[this.selected], axis, frame, this.apply(frame, this.active)));
+    return [dot(x, move), dot(y, move), dot(z, move)];
   }
 
   // Where an anchor of a layer is in the first frame of its set, before it.
@@ -175,7 +200,7 @@ class Editor extends Past {
   aim(target) {
     const { handle, motion, clip, stage: { number } } = this, strength = needStrength(this.set, number);
     const { start } = this.places[this.selected], move = scale(minus(target, start), 1 / strength);
-    const value = motion === "target" ? clip.toFile(add(start, move)) : scale(move, clip.diagonal);
+    const value = motion === "target" ? clip.toFile(add(start, move)) : scale(this.turnBack(move), clip.diagonal);
     handle[motion] = setValue(handle[motion], number, shortenPoint(value));
     this.refresh();
   }
@@ -221,6 +246,7 @@ class Editor extends Past {
     if (share) return;
     const lines = isPlaying ? [] : this.places.flatMap(({ target }, k) => norm(minus(target, anchors[k])) > 0.002 ? [...anchors[k], ...target] : []);
     renderer.drawLines(lines, RED);
+    if (!isPlaying && this.handle) renderer.drawLines(this.ring, BLUE);
     this.set.handles.forEach(({ pin }, k) => {
       const [size, rim] = k === this.selected ? [15, BLACK] : [12, WHITE];
       if (pin) renderer.drawSquares(anchors[k], [0.1, 0.45, 0.3, 1], size, rim);

@@ -5,7 +5,7 @@ const SNAP_PIXELS = 7;
 function makeHandles(stage) {
   const editor = stage.editor = stage.history = new Editor(stage), { clip, transport } = stage;
   const panel = new Panel(stage, "pose", "", editor);
-  let tool = "move", move = null;
+  let tool = "move", move = null, pull = null;
   stage.travel = (name) => panel.act(() => editor[name]());
 
   const hit = (x, y, event) => nearestPoint(stage.camera, editor.anchors, x, y, event);
@@ -14,14 +14,16 @@ function makeHandles(stage) {
     name: "pose",
     grab(x, y, event) {
       const k = transport.isPlaying ? -1 : hit(x, y, event);
+      pull = k < 0 && !transport.isPlaying ? grabRing(stage, x, y, event) : null;
+      if (pull) return true;
       if (k < 0) return false;
       editor.select(k);
-      if (editor.handle.pin) return false;
+      if (!(editor.motion in TRACKS)) return false;
       const { target } = editor.places[k], follow = followPointer(stage.camera, x, y, target, AXES[panel.find("axis").value]);
       move = (u, v) => add(target, follow(u, v));
       return true;
     },
-    drag: (x, y) => editor.drag(() => editor.aim(move(x, y))),
+    drag: (x, y) => editor.drag(() => pull ? pull(x, y) : editor.aim(move(x, y))),
     drop: () => editor.drop(),
     click(x, y, event) {
       const k = hit(x, y, event), found = k < 0 && pick(x, y);
@@ -59,6 +61,19 @@ function makeHandles(stage) {
   panel.listen("rounds", () => { editor.rounds = clamp(round(panel.numberOf("rounds")), 0, 1000); editor.refresh(); });
   // What is undefined is not in the file that is saved.
   panel.edit("mirror", (input) => { editor.file.mirror = input.checked ? clip.mirror : undefined; });
+  panel.edit("hold", (input) => {
+    editor.set.hold = input.checked ? undefined : false;
+    if (!input.checked) for (const handle of editor.set.handles) delete handle.radius;
+  });
+  panel.edit("radius", (input) => { editor.handle.radius = input.valueAsNumber > 0 ? input.valueAsNumber : undefined; });
+  panel.edit("axes", (input) => { editor.handle.axes = input.value === "surface" ? "surface" : undefined; });
+  panel.edit("ease", (input) => { editor.handle[editor.motion].ease = input.value; });
+  panel.edit("motion", (input) => {
+    const { handle, motion, places, selected } = editor, { start, target } = places[selected];
+    delete handle[motion];
+    delete handle.axes;
+    handle[input.value] = { offset: shortenPoint(scale(minus(target, start), clip.diagonal)), target: shortenPoint(clip.toFile(target)) }[input.value] ?? true;
+  });
   panel.edit("hard", (input) => { editor.handle.hard = input.checked || undefined; });
   panel.listen("layer", (list) => { editor.active = Number(list.value); editor.selected = -1; });
   panel.editSpan(() => editor.set);
@@ -80,6 +95,20 @@ function makeHandles(stage) {
   stage.listeners.push(() => showHandles(panel, stage));
 }
 
+// Drags the ring of the selected handle to another place of the surface, which is its new radius.
+function grabRing(stage, x, y, event) {
+  const { editor, camera, clip } = stage, { reach, handle } = editor;
+  const points = editor.ring, places = listOf(points.length / 3, (k) => points.slice(3 * k, 3 * k + 3));
+  if (nearestPoint(camera, places, x, y, event) < 0) return null;
+  const { away } = editor.surface.measure(editor.layer.anchors[reach.k], Infinity);
+  return (u, v) => {
+    const found = pickSurface(stage, u, v);
+    if (!found || !(away[found.near] > 0)) return;
+    handle.radius = Number((away[found.near] * clip.diagonal).toPrecision(4));
+    editor.refresh();
+  };
+}
+
 // Brings the panel up to date.
 function showHandles(panel, { editor, clip, number, moved }) {
   const { set, handle, motion, file } = editor;
@@ -97,6 +126,7 @@ function showHandles(panel, { editor, clip, number, moved }) {
     if (focused) list.querySelector('[aria-pressed="true"]')?.focus();
   }
   panel.find("mirror").checked = file.mirror;
+  panel.find("hold").checked = set.hold !== false;
   const sets = listSets(file);
   panel.find("layer").closest("span").hidden = sets.length < 2;
   panel.putChoice("layer", sets.map((_, k) => `${k + 1} of ${sets.length}`), editor.active);
@@ -104,8 +134,16 @@ function showHandles(panel, { editor, clip, number, moved }) {
   if (handle) {
     panel.put("name", handle.name);
     panel.find("hard").checked = handle.hard;
-    panel.find("moves").hidden = motion === "pin";
-    const value = motion === "pin" ? null : evaluateTrack(handle[motion], number);
+    panel.find("moves").hidden = !(motion in TRACKS);
+    panel.find("motion").value = motion;
+    panel.find("reach").hidden = set.hold === false;
+    panel.put("radius", handle.radius ?? "");
+    if (editor.reach) panel.find("radius").placeholder = ROUND(Number((editor.reach.radius * clip.diagonal).toPrecision(3)));
+    panel.find("offset").hidden = motion !== "offset";
+    panel.find("axes").value = handle.axes ?? "world";
+    panel.find("ease").hidden = !handle[motion].frames;
+    panel.find("ease").value = handle[motion].ease ?? "smooth";
+    const value = motion in TRACKS ? evaluateTrack(handle[motion], number) : null;
     if (value) panel.putPoint("move-", motion === "offset" ? value : minus(value, clip.toFile(editor.places[editor.selected].start)));
   }
   const beyond = moved?.count ? `${moved.count} vertices, in orange, move more than the handles do: vertex ${clip.fileVertex(moved.most.vertex)} by ${ROUND(moved.most.distance * clip.diagonal)}, the handles by ${ROUND(moved.largest * clip.diagonal)} at most. ` : "";
@@ -115,6 +153,6 @@ function showHandles(panel, { editor, clip, number, moved }) {
 
 // The command that does what the page shows; nothing if there is no edit.
 function makeCommand({ file, actingCageFile, hasEdits, clip, rounds }) {
-  const handles = listSets(file)[0].handles.length ? ` handles.json${rounds ? ` --rigidity ${rounds}` : ""}` : "", cages = actingCageFile ? " --cage-edits cage_edits.json" : "";
+  const words = rounds ? ` --rigidity ${rounds}` : "", handles = listSets(file)[0].handles.length ? ` handles.json${words}` : "", cages = actingCageFile ? " --cage-edits cage_edits.json" : "";
   return hasEdits ? `cageik pose ${clip.target}${handles}${cages} -o ${clip.isClip ? "edited.h5" : "posed.obj"}` : "";
 }

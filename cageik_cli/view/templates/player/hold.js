@@ -110,7 +110,7 @@ class HeldSurface {
       });
     }
     moments.forEach(mirrorRows);
-    return { k, isImage, row, radius, moments, shift, pivot: ring ? scale(pivot, 1 / ring) : row };
+    return { k, isImage, row, radius, away, moments, shift, pivot: ring ? scale(pivot, 1 / ring) : row };
   }
 
   // The vertex that is nearest to the image of a point.
@@ -154,6 +154,20 @@ class HeldSurface {
     nearestRotation(sum, sum);
     return sum;
   }
+}
+
+// Where the ring of a reach crosses edges of faces: [from, to, share], two for each face that it crosses.
+function traceRing({ away, radius }, faces) {
+  const ring = [];
+  for (let f = 0; f < faces.length; f += 3) {
+    const crossed = [];
+    for (let i = 0; i < 3; i++) {
+      const a = faces[f + i], b = faces[f + (i + 1) % 3], near = away[a] < radius;
+      if (near !== away[b] < radius) crossed.push([a, b, Number.isFinite(away[a] - away[b]) ? (radius - away[a]) / (away[b] - away[a]) : Number(!near)]);
+    }
+    if (crossed.length === 2) ring.push(...crossed);
+  }
+  return ring;
 }
 
 // Copies the lower half of a matrix to the upper one.
