@@ -114,10 +114,11 @@ For a pose, anchors replace the frame: β/l and A stand in place of β/m and H, 
 that few anchors are met closely. `Poser` factors LᵀL once per cage (`CageResponseSolver`), and a
 system of the size of the anchors per set of anchors; a pose is then one product. What turns far is
 sheared, as L does not turn: `rigidity` rotates δ with the cells of the cage (Sorkine and Alexa
-2007).
+2007). All of the model follows few anchors; beyond the paper, `Poser` holds what is far from them
+(`hold`), with all m vertices as weak constraints.
 
 >>> from cageik_cli.method.pose.poser import Poser
->>> poser = Poser(binding, anchors)
+>>> poser = Poser(binding, anchors, hold=False)
 >>> moves = np.array([[0.0, 0.0, 0.3], [0.0, 0.0, 0.0]])
 >>> posed = poser.solve_cage(moves)
 >>> bool(np.abs(A @ posed - A @ cage.vertices - moves).max() < 1e-5)
