@@ -152,7 +152,7 @@ def check_layers(path: Path) -> list[Any]:
     except RecursionError as error:
         raise FormatError("its references are nested too deeply; export the mesh alone") from error
     if count > MAX_PRIMS:
-        raise FormatError(f"its references make more than {MAX_PRIMS} prims; export the mesh alone")
+        raise _make_prims_error()
     return found
 
 
@@ -294,8 +294,8 @@ class _PrimCounter:
     """
 
     def __init__(self) -> None:
-        self._counts: dict[tuple[str, str, _Variables], int] = {}
-        self._open: set[tuple[str, str, _Variables]] = set()
+        self._prims: dict[tuple[str, str, _Variables], int | None] = {}  # None while one is counted
+        self._places: dict[tuple[str, str, _Variables], int | None] = {}
         self._stacks: dict[tuple[str, _Variables], list[Any]] = {}
 
     def count_stage(self, layer: Any) -> int:
@@ -304,11 +304,34 @@ class _PrimCounter:
 
     def _count_at(self, root: Any, path: Any, variables: _Variables) -> int:
         """Bound the prims at and below a path in the stack of a root layer; 0 for none there."""
+        key = root.identifier, str(path), variables
+        return _count_once(self._places, key, self._count_ways(root, path, variables))
+
+    def _count_ways(self, root: Any, path: Any, variables: _Variables) -> Iterator[int]:
+        """Yield a bound for each way in which prims come to a path in the stack of a root layer.
+
+        They may be there because layers or variants say so; because a prim above refers to others,
+        which have them at the rest of the path; and because they are relocated to there.
+        """
+        stack = self._find_stack(root, variables)
+        for old, new in (pair for layer in stack for pair in layer.relocates):
+            if new and path.HasPrefix(new):
+                yield self._count_at(root, path.ReplacePrefix(new, old), variables)
+        specs = [layer.pseudoRoot for layer in stack]
+        for prefix in path.GetPrefixes():
+            specs = _add_variants(specs)
+            for target, place, values in self._list_targets(root, specs, variables):
+                moved = path.ReplacePrefix(prefix.GetParentPath(), place)
+                yield self._count_at(target, moved, values)
+            specs = [part for spec in specs if (part := spec.nameChildren.get(prefix.name))]
+        for parts in _group_by_path(specs):
+            yield self._count(root, parts, variables)
+
+    def _find_stack(self, root: Any, variables: _Variables) -> list[Any]:
         key = root.identifier, variables
         if key not in self._stacks:
             self._stacks[key] = self._list_stack(root, variables, ())
-        specs = [spec for layer in self._stacks[key] if (spec := layer.GetPrimAtPath(path))]
-        return self._count(root, specs, variables) if specs else 0
+        return self._stacks[key]
 
     def _list_stack(self, layer: Any, variables: _Variables, above: tuple[str, ...]) -> list[Any]:
         """List a layer and its sublayers, each once for every layer that has it."""
@@ -328,54 +351,91 @@ class _PrimCounter:
         return stack
 
     def _count(self, root: Any, specs: list[Any], variables: _Variables) -> int:
-        """Bound the prims at and below one, by what the layers of a stack say of it.
-
-        One prim more than are allowed are looked at.
-        """
-        path = str(specs[0].path)
-        key = root.identifier, path, variables
-        if key in self._open:
-            raise FormatError(
-                f"{path} of {Path(root.identifier).name} refers to itself, or to what holds it; "
-                "export the mesh alone"
-            )
-        if key not in self._counts:
-            self._counts[key] = 1
-            if len(self._counts) <= MAX_PRIMS + 1:
-                self._open.add(key)
-                self._counts[key] += sum(self._count_parts(root, specs, variables))
-                self._open.remove(key)
-        return self._counts[key]
+        """Bound the prims at and below one, by what the layers of a stack say of it."""
+        key = root.identifier, str(specs[0].path), variables
+        return _count_once(self._prims, key, self._count_parts(root, specs, variables))
 
     def _count_parts(self, root: Any, specs: list[Any], variables: _Variables) -> Iterator[int]:
-        """Yield a bound for each child, each arc and each variant of a prim."""
-        below: dict[str, list[Any]] = {}
-        for spec in specs:
-            variants = (each for group in spec.variantSets.values() for each in group.variantList)
-            for part in (*spec.nameChildren, *(variant.primSpec for variant in variants)):
-                below.setdefault(str(part.path), []).append(part)
-        for parts in below.values():
-            yield self._count(root, parts, variables)
+        """Yield 1 for a prim, and a bound for each child, each arc and each variant of it."""
+        yield 1
+        parts = [child for spec in specs for child in spec.nameChildren]
+        for group in _group_by_path(parts + _list_variants(specs)):
+            yield self._count(root, group, variables)
+        for target, path, values in self._list_targets(root, specs, variables):
+            yield self._count_at(target, path, values)
+
+    def _list_targets(
+        self, root: Any, specs: list[Any], variables: _Variables
+    ) -> Iterator[tuple[Any, Any, _Variables]]:
+        """List what prims of a stack refer to: root layer, path in its stack, and its variables.
+
+        A reference or a payload without a path names the default prim.
+        """
+        from pxr import Sdf
+
         for spec in specs:
             for arcs in (spec.referenceList, spec.payloadList):
                 for arc in arcs.GetAddedOrExplicitItems():
-                    yield self._count_target(root, spec, arc, variables)
+                    target, values = root, variables
+                    if arc.assetPath:
+                        files = variables.find_files(spec.layer, [arc.assetPath])
+                        found = (layer for file in files if (layer := Sdf.Layer.Find(file)))
+                        target = next(found, None)
+                        if target is None:
+                            continue  # USD says that it is not there
+                        values = variables.enter(target)
+                    path = arc.primPath or target.GetDefaultPrimAsPath()
+                    if path:
+                        yield target, path, values
             for paths in (spec.inheritPathList, spec.specializesList):
                 for path in paths.GetAddedOrExplicitItems():
-                    yield self._count_at(root, path, variables)
+                    yield root, path, variables
 
-    def _count_target(self, root: Any, spec: Any, arc: Any, variables: _Variables) -> int:
-        """Bound the prims of what a reference or a payload names; without a path, the default."""
-        from pxr import Sdf
 
-        if arc.assetPath:
-            files = variables.find_files(spec.layer, [arc.assetPath])
-            root = next((layer for file in files if (layer := Sdf.Layer.Find(file))), None)
-            if root is None:
-                return 0  # USD says that it is not there
-            variables = variables.enter(root)
-        path = arc.primPath or root.GetDefaultPrimAsPath()
-        return self._count_at(root, path, variables) if path else 0
+def _count_once(
+    counts: dict[tuple[str, str, _Variables], int | None],
+    key: tuple[str, str, _Variables],
+    parts: Iterator[int],
+) -> int:
+    """Add up the parts of a prim or a path of a layer, at most `MAX_PRIMS` of either."""
+    if key not in counts:
+        if len(counts) >= MAX_PRIMS:
+            raise _make_prims_error()
+        counts[key] = None
+        counts[key] = sum(parts)
+    count = counts[key]
+    if count is None:
+        raise FormatError(
+            f"{key[1]} of {Path(key[0]).name} refers to itself, or to what holds it; "
+            "export the mesh alone"
+        )
+    return count
+
+
+def _make_prims_error() -> FormatError:
+    return FormatError(f"its references make more than {MAX_PRIMS} prims; export the mesh alone")
+
+
+def _list_variants(specs: list[Any]) -> list[Any]:
+    """List what the variants of prims say of them, but not the variants inside of those."""
+    groups = (group for spec in specs for group in spec.variantSets.values())
+    return [variant.primSpec for group in groups for variant in group.variantList]
+
+
+def _add_variants(specs: list[Any]) -> list[Any]:
+    """Return prims with all variants of theirs."""
+    found = [*specs]
+    while specs := _list_variants(specs):
+        found += specs
+    return found
+
+
+def _group_by_path(specs: list[Any]) -> Iterable[list[Any]]:
+    """Put together what several layers say of one prim or variant."""
+    groups: dict[str, list[Any]] = {}
+    for spec in specs:
+        groups.setdefault(str(spec.path), []).append(spec)
+    return groups.values()
 
 
 def _resolve(layer: Any, names: list[str]) -> Iterator[str]:

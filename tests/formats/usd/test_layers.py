@@ -191,3 +191,77 @@ def test_prims_of_sublayers_are_counted(tmp_path, monkeypatch):
     write_layer("top.usda", below=twice)
     with refused(FormatError, "more than 50 prims"):
         check_layers(Path("top.usda"))
+
+
+def write_twice(part, count=12):
+    """Prims that each bring in twice what the one before has, at a path of `part`."""
+    prims = "".join(
+        part.format(k=k, below=k - 1)
+        + f'def "twice_{k}" {{\ndef "c" {{\n'
+        + "".join(
+            f'def "{name}" (references = </m/by_{k - 1}/c>) {{\n}}\n' if k else "" for name in "lr"
+        )
+        + "}\n}\n"
+        for k in range(count)
+    )
+    relocated = "".join(f"</m/by_{k}/old>: </m/by_{k}/c>, " for k in range(count) if "old" in part)
+    write_layer("top.usda", f"relocates = {{{relocated}}}", below=prims)
+
+
+COMPOSED = {
+    "reference": 'def "by_{k}" (references = </m/twice_{k}>) {{\n}}\n',
+    "payload": 'def "by_{k}" (payload = </m/twice_{k}>) {{\n}}\n',
+    "inherit": 'def "by_{k}" (inherits = </m/twice_{k}>) {{\n}}\n',
+    "specialize": 'def "by_{k}" (specializes = </m/twice_{k}>) {{\n}}\n',
+    "over": 'def "by_{k}" (references = </m/twice_{k}>) {{\nover "c" {{\n}}\n}}\n',
+    "variant": (
+        'def "by_{k}" (variantSets = "v"\nvariants = {{ string v = "x" }}) {{\n'
+        'variantSet "v" = {{\n"x" (references = </m/twice_{k}>) {{\n}}\n}}\n}}\n'
+    ),
+    "prim in a variant": (
+        'def "by_{k}" (variantSets = "v"\nvariants = {{ string v = "x" }}) {{\n'
+        'variantSet "v" = {{\n"x" {{\ndef "c" (references = </m/twice_{k}/c>) {{\n}}\n}}\n}}\n}}\n'
+    ),
+    "relocated": (
+        'def "hold_{k}" {{\ndef "old" (references = </m/twice_{k}/c>) {{\n}}\n}}\n'
+        'def "by_{k}" (references = </m/hold_{k}>) {{\n}}\n'
+    ),
+}
+
+
+@pytest.mark.parametrize("name", COMPOSED)
+def test_prims_at_paths_that_are_composed_are_counted(tmp_path, monkeypatch, name):
+    """USD composes more prims than are allowed, and a clip that has fewer is not refused."""
+    monkeypatch.chdir(tmp_path)
+    write_twice(COMPOSED[name])
+    stage = Usd.Stage.Open("top.usda")
+    composed = len(list(stage.Traverse()))
+    assert composed > 2**12
+    monkeypatch.setattr(library, "MAX_PRIMS", 2**12)
+    with refused(FormatError, "more than 4096 prims"):
+        check_layers(Path("top.usda"))
+    monkeypatch.setattr(library, "MAX_PRIMS", 8 * composed)
+    check_layers(Path("top.usda"))
+
+
+def test_a_prim_may_refer_to_one_that_what_holds_it_brings_in(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    parts = 'def "a" (references = </m/b>) {\ndef "x" (references = </m/a/c>) {\n}\n}\n'
+    write_layer("top.usda", below=parts + 'def "b" {\ndef "c" {\ndef "d" {\n}\n}\n}\n')
+    stage = Usd.Stage.Open("top.usda")
+    assert stage.GetPrimAtPath("/m/a/x/d")
+    check_layers(Path("top.usda"))
+
+
+ENDLESS = {
+    "a part of itself": 'def "a" (references = </m/a/c>) {\n}\n',
+    "each other": 'def "a" (references = </m/b/x>) {\n}\ndef "b" (references = </m/a>) {\n}\n',
+}
+
+
+@pytest.mark.parametrize("name", ENDLESS)
+def test_prims_that_are_brought_in_by_themselves_are_refused(tmp_path, monkeypatch, name):
+    monkeypatch.chdir(tmp_path)
+    write_layer("top.usda", below=ENDLESS[name])
+    with refused(FormatError, "its references are nested too deeply; export the mesh alone"):
+        check_layers(Path("top.usda"))
