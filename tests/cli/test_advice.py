@@ -187,7 +187,8 @@ def test_nothing_that_follows_the_pieces_of_a_torn_surface_is_advised(clip, meas
         assert step.startswith("extract again with --robust --overwrite (")
 
 
-@pytest.mark.parametrize("move", [bend, *map(slow, CLIPS[1:])])
+@pytest.mark.slow
+@pytest.mark.parametrize("move", CLIPS)
 def test_more_vertices_and_a_built_cage_do_not_raise_the_true_error(clip, measure, move):
     """Of a fitted cage that is too coarse, more vertices are advised until little is missed."""
     taken = follow_all(measure, clip(move), ["--cage", "cage.obj", "--fit"])

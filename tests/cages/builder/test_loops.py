@@ -144,6 +144,7 @@ def test_shifts_and_quads_keep_loops(rod, built):
     assert loops.edges <= sides
 
 
+@pytest.mark.slow
 def test_a_cube_has_no_loops_and_a_note_says_so(coarse_grids):
     built = build_cage(box(), BuildSettings(30, loops=True))
     assert built.chosen.loops.count == 0
@@ -153,6 +154,7 @@ def test_a_cube_has_no_loops_and_a_note_says_so(coarse_grids):
     np.testing.assert_array_equal(plain.cage.vertices, built.cage.vertices)
 
 
+@pytest.mark.slow
 def test_a_cage_whose_loops_fail_has_none_and_a_note_says_so(monkeypatch, rod, coarse_grids):
     """A candidate with loops is judged to leave the model outside."""
     make = build_module._Builder._make_candidate

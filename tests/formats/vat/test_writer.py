@@ -99,7 +99,7 @@ def test_a_shader_draws_the_frames(tmp_path, kind, scene):
         corners(drawn, "rest"), (mesh.vertices @ change)[mesh.faces[order]], rtol=1e-6, atol=1e-7
     )
     turn = change / settings.metres_per_unit
-    normals = np.array([shade(mesh, frame)[order] @ turn for frame in frames])
+    normals = shade(mesh, frames)[:, order] @ turn
     assert angle_between(corners(drawn, "normals"), normals) < 0.01
     assert (
         angle_between(corners(drawn, "rest_normals"), shade(mesh, mesh.vertices)[order] @ turn)

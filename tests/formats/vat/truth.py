@@ -29,24 +29,30 @@ def list_triangles(mesh):
 
 
 def shade(mesh, positions):
-    """The normal of each corner of each triangle, (t, 3, 3), from the areas of polygons."""
+    """The normal of each corner of each triangle, from the areas of polygons.
+
+    It is (t, 3, 3) for positions (m, 3), and (F, t, 3, 3) for those of frames, (F, m, 3).
+    """
     attributes = mesh.polygons
     fans, sums, numbers = attributes.normal_fans, {}, {}
     for k, (start, count) in enumerate(
         zip(attributes.starts, attributes.corner_counts, strict=True)
     ):
         vertices = attributes.corners[start : start + count].tolist()
-        points = positions[vertices]
-        area = np.cross(points[1:-1] - points[0], points[2:] - points[0]).sum(axis=0)
+        points = positions[..., vertices, :]
+        sides = points[..., 1:, :] - points[..., :1, :]
+        area = np.cross(sides[..., :-1, :], sides[..., 1:, :]).sum(axis=-2)
         own = vertices if fans is None else fans[start : start + count].tolist()
         for vertex, fan in zip(vertices, own, strict=True):
             numbers[k, vertex] = fan
             sums[fan] = sums.get(fan, 0) + area
     found = [
-        [sums[numbers[k, vertex]] for vertex in face]
+        sums[numbers[k, vertex]]
         for k, face in zip(attributes.triangle_polygons.tolist(), mesh.faces.tolist(), strict=True)
+        for vertex in face
     ]
-    return found / np.linalg.norm(found, axis=-1)[..., None]
+    normals = np.stack(found, axis=-2).reshape(*positions.shape[:-2], -1, 3, 3)
+    return normals / np.linalg.norm(normals, axis=-1)[..., None]
 
 
 def angle_between(found, expected):
