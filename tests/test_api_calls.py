@@ -3,6 +3,7 @@
 import inspect
 import pydoc
 import re
+from fractions import Fraction
 from pathlib import Path
 
 import numpy as np
@@ -27,6 +28,15 @@ WRONG = {
     "array": np.zeros((2, 2)), "function": print,
 }  # fmt: skip
 """Values, one of which every argument has to refuse, if it takes the others."""
+
+
+NUMBERS = {
+    "negative": -1, "huge": 10**400, "far below zero": -(10**400), "endless": 10**5000,
+    "infinite": np.inf, "minus infinite": -np.inf, "nan of NumPy": np.float32(np.nan),
+    "infinite of NumPy": np.float64("inf"), "beyond float": np.longdouble("1e4000"),
+    "fraction": Fraction(10**400, 3), "of NumPy": np.int64(2), "in an array": np.array(2.5),
+}  # fmt: skip
+"""Numbers that Python, NumPy or the limits of float have trouble with."""
 
 
 @pytest.fixture
@@ -114,6 +124,29 @@ def test_a_wrong_argument_is_refused_in_one_sentence(function, calls):
                 unrefused.append(f"{name}={kind}: {type(error).__name__}: {error}")
         assert refused, f"{name} takes everything"
     assert not unrefused, "\n".join(unrefused)
+
+
+def takes_numbers(parameter):
+    return not {"int", "float"}.isdisjoint(re.findall(r"\w+", str(parameter.annotation)))
+
+
+@pytest.mark.usefixtures("coarse_grids")
+@pytest.mark.parametrize("function", FUNCTIONS)
+def test_odd_numbers_are_taken_or_refused_in_one_sentence(function, calls):
+    call, right = getattr(cageik_cli, function), calls[function]
+    parameters, wrong = inspect.signature(call).parameters, []
+    for name in filter(lambda name: takes_numbers(parameters[name]), parameters):
+        for kind, value in NUMBERS.items():
+            for path in Path().glob("[depr].*"):
+                path.unlink()
+            try:
+                call(**{**right, name: value})
+            except cageik_cli.CageikError as error:
+                if "\n" in str(error) or len(str(error)) > 400:
+                    wrong.append(f"{name}={kind}: is no short sentence: {str(error)[:100]}")
+            except Exception as error:
+                wrong.append(f"{name}={kind}: {type(error).__name__}: {error}")
+    assert not wrong, "\n".join(wrong)
 
 
 @pytest.mark.parametrize("function", FUNCTIONS)

@@ -34,6 +34,7 @@ from cageik_cli.report.figures import format_percent
 from cageik_cli.run import extraction as file_extraction
 from cageik_cli.run.extraction import Extraction
 from cageik_cli.run.fit import choose_fit, choose_norm, fit_weights
+from cageik_cli.run.keywords import read_jobs
 from cageik_cli.run.settings import ExtractSettings
 from cageik_cli.store import result as result_file
 from cageik_cli.store.binding_file import StoredBinding
@@ -43,7 +44,7 @@ from cageik_cli.util.calls import FilePath, ReportProgress, check_call
 from cageik_cli.util.errors import SettingError
 from cageik_cli.util.messages import Hint, Note
 from cageik_cli.util.settings import DEFAULT_MEMORY
-from cageik_cli.util.threads import count_processors, limit_blas_threads
+from cageik_cli.util.threads import limit_blas_threads
 
 
 @check_call
@@ -191,7 +192,8 @@ def bind(
     >>> bool(abs(binding.weights @ binding.cage.vertices - rest.vertices).max() < 1e-9)
     True
     """
-    return cage_binding.bind(rest, cage, BindSettings(coordinates, accuracy, outside), jobs)
+    threads = None if jobs is None else read_jobs(jobs)
+    return cage_binding.bind(rest, cage, BindSettings(coordinates, accuracy, outside), threads)
 
 
 @check_call
@@ -280,7 +282,7 @@ def extract_to_file(
         given_in=SceneHints.parse(given_in) if given_in else SceneHints(),
         clip=ClipSettings(exclude=tuple(exclude)),
         overwrite=overwrite,
-        jobs=jobs or count_processors(),
+        jobs=read_jobs(jobs),
     )
     return file_extraction.extract(settings)
 
@@ -473,7 +475,7 @@ def extract(
         build=_make_build_settings(binding, cage_vertices),
         fit=False if fit is None and binding is not None else fit,
         memory=memory,
-        jobs=jobs or count_processors(),
+        jobs=read_jobs(jobs),
     )
     if binding is None:
         binding = _bind_built_cage(clip, settings)

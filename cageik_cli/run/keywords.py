@@ -186,7 +186,7 @@ def _read_values(
             usual: Any = one.default
             values |= {one.name: replace(usual, **nested)} if nested else {}
         elif setting is None and one.name == "jobs":
-            values["jobs"] = _read_jobs(keywords.get("jobs"))
+            values["jobs"] = read_jobs(keywords.get("jobs"))
         elif setting is not None and setting.flags is not None:
             values |= _read_flags(one.name, setting.flags, keywords)
         elif one.name in keywords:
@@ -194,11 +194,18 @@ def _read_values(
     return values
 
 
-def _read_jobs(jobs: Any) -> int:
+def read_jobs(jobs: Any) -> int:
+    """Return a number of threads as it is given, or that of the processors for None.
+
+    Raises
+    ------
+    SettingError
+        When it is not a whole number, or below 1.
+    """
     check_argument("jobs", jobs, int | None, ShownType("int | None"))
     if jobs is not None and jobs < 1:
         raise SettingError(Hint("jobs") + f" is {jobs}, expected 1 or more")
-    return int(jobs or count_processors())
+    return count_processors() if jobs is None else int(jobs)
 
 
 def _read_flags(
@@ -218,8 +225,6 @@ def _read_flags(
 def _read_value(one: "Field[Any]", setting: Setting | None, keywords: Mapping[str, Any]) -> Any:
     """Return the value of a field for that of its keyword; the record checks its type."""
     value = keywords[one.name]
-    if getattr(value, "ndim", None) == 0:
-        value = value.item()  # a number of NumPy, which files do not record
     kinds = get_args(one.type) or (one.type,)
     if type(value) is int and float in kinds and int not in kinds:
         return float(value)  # as the command line has it, and files record it

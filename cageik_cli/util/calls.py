@@ -4,6 +4,7 @@ import inspect
 from collections.abc import Callable
 from difflib import get_close_matches
 from functools import cache, wraps
+from numbers import Integral, Real
 from os import PathLike
 from typing import Any, ParamSpec, TypeVar, get_type_hints
 
@@ -19,6 +20,9 @@ ReportProgress = Callable[[int, int], None]
 
 Parameters = ParamSpec("Parameters")
 Returned = TypeVar("Returned")
+
+MAX_BITS = 64
+"""Bits of a whole number, at most."""
 
 TYPE_WORDS = {
     "ArrayLike": "an array",
@@ -76,6 +80,10 @@ def check_call(function: Callable[Parameters, Returned]) -> Callable[Parameters,
 
     @wraps(function)
     def call(*args: Parameters.args, **keywords: Parameters.kwargs) -> Returned:
+        bind_arguments(function.__name__, plain, args, keywords)
+        args = tuple(map(to_plain_number, plain.parameters, args))  # type: ignore[assignment]
+        for name, value in keywords.items():
+            keywords[name] = to_plain_number(name, value)
         arguments = bind_arguments(function.__name__, plain, args, keywords)
         for name, value in arguments.items():
             if plain.parameters[name].kind is not inspect.Parameter.VAR_KEYWORD:
@@ -86,6 +94,29 @@ def check_call(function: Callable[Parameters, Returned]) -> Callable[Parameters,
 
     call.__signature__ = shown  # type: ignore[attr-defined]  # which inspect and help read
     return call
+
+
+def to_plain_number(name: str, value: Any) -> Any:
+    """Return a number as Python has it, as files record it; other values as they are.
+
+    Raises
+    ------
+    SettingError
+        When no float holds it, or it is a whole number of more than 64 bits: nothing is so large.
+    """
+    if getattr(value, "ndim", None) == 0 and hasattr(value, "item"):
+        value = value.item()
+    if not isinstance(value, Real) or isinstance(value, bool | float):
+        return value
+    try:
+        plain = int(value) if isinstance(value, Integral) else float(value)
+    except OverflowError:
+        raise SettingError(Hint(name) + " is a fraction that no float holds; round it") from None
+    if isinstance(plain, int) and plain.bit_length() > MAX_BITS:
+        raise SettingError(
+            Hint(name) + f" is {show_value(plain)}, expected one of at most {MAX_BITS} bits"
+        )
+    return plain
 
 
 def bind_arguments(

@@ -271,6 +271,8 @@ def matches(value: Any, annotation: Any) -> bool:
 
 def show_value(value: Any) -> str:
     """Return a value as messages show it: what is long, such as an array, by its type alone."""
+    if isinstance(value, int) and abs(value) >= 10**MAX_SHOWN:  # Python writes no endless ones
+        return f"a whole number of {value.bit_length()} bits"
     if isinstance(value, int | float):
         return str(value)
     shown = repr(value)
