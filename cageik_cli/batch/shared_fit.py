@@ -15,11 +15,11 @@ from cageik_cli.run.extraction import Extraction
 from cageik_cli.run.fit import choose_norm, fit_to_clips
 from cageik_cli.store.binding_file import StoredBinding, write_binding
 from cageik_cli.store.cache import compute_key
-from cageik_cli.util.errors import CageikError, InputError, join_truncated
+from cageik_cli.util.errors import InputError, describe_error, join_truncated
 from cageik_cli.util.messages import Spelling, spell
 from cageik_cli.util.outputs import make_folder
 from cageik_cli.util.progress import ProgressListener, note_all
-from cageik_cli.util.text import format_count, number_names, to_unicode
+from cageik_cli.util.text import format_count, number_file_names, to_unicode
 
 BINDINGS_FOLDER = "bindings"
 """The folder of the bindings that clips share, inside the output folder."""
@@ -45,6 +45,7 @@ def share_fits(
 
     Clips are of one model if they have the same faces, unit, up axis and options. Its rest pose is
     that of the first clip. A clip that cannot be read is left out of the fit; its job says why.
+    Where a fit fails, its clips are listed with the reason, as of any other clip that fails.
 
     Parameters
     ----------
@@ -59,10 +60,10 @@ def share_fits(
         extraction = Extraction(replace(job.settings, fit=False, resume=False))
         try:
             extraction.open()
-        except CageikError:
-            continue  # its job says so
+        except Exception:
+            continue  # its job says so, in its own process
         groups.setdefault(_find_model(extraction), []).append(OpenedClip(job, extraction))
-    names = number_names(clips[0].job.settings.output.stem for clips in groups.values())
+    names = number_file_names(clips[0].job.settings.output.stem for clips in groups.values())
     rejected = []
     for name, clips in zip(names, groups.values(), strict=True):
         path = output / BINDINGS_FOLDER / f"{name}.h5"
@@ -71,8 +72,8 @@ def share_fits(
                 make_folder(path.parent)
                 stored, fitted = _fit_readable(clips, progress, count)
                 write_binding(path, stored, overwrite=True)
-        except CageikError as error:
-            fault = to_unicode(spell(error.text, spelling))
+        except Exception as error:
+            fault = to_unicode(spell(describe_error(error), spelling))
             rejected += [ClipEntry(clip.job.name, fault=fault) for clip in clips]
             for clip in clips:
                 del shared[clip.job.name]
@@ -117,17 +118,22 @@ def _fit_readable(
         try:
             return stored.with_fit(_fit(stored, left, progress, count)), left
         except InputError as error:
-            readable = [clip for clip in left if not _has_frame(clip, error.locations[:1])]
+            readable = [clip for clip in left if not _fails_at(clip, error.locations[:1])]
             if len(readable) in (0, len(left)):
                 raise
             left = readable
 
 
-def _has_frame(clip: OpenedClip, locations: Iterable[object]) -> bool:
-    """Return whether some locations are of a frame of a clip."""
-    sequence = clip.extraction.sequence
-    frames = {sequence.location(k) for k in range(len(sequence))}
-    return not frames.isdisjoint(map(str, locations))
+def _fails_at(clip: OpenedClip, locations: Iterable[object]) -> bool:
+    """Return whether a frame of a clip at some locations cannot be read; other clips have alike."""
+    sequence, places = clip.extraction.sequence, set(map(str, locations))
+    for k in range(len(sequence)):
+        if sequence.location(k) in places:
+            try:
+                sequence.read_frame(k)
+            except InputError:
+                return True
+    return False
 
 
 def _fit(

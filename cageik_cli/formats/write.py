@@ -42,7 +42,7 @@ from cageik_cli.util.text import (
     format_count,
     group_digits,
     make_file_name,
-    number_names,
+    number_file_names,
 )
 from cageik_cli.util.units import list_size_notes
 
@@ -456,10 +456,7 @@ def name_part_files(names: list[str]) -> list[str]:
     None has a character that stands for the number of a frame.
     """
     short = (name.translate(NO_NUMBERS) for name in choose_short_names(names))
-    plain = [make_file_name(name) for name in short]
-    folded = [name.casefold() for name in plain]
-    unique = zip(plain, folded, number_names(folded), strict=True)
-    return [name + numbered[len(fold) :] for name, fold, numbered in unique]
+    return number_file_names(map(make_file_name, short))
 
 
 class _PartsWriter(AnimationWriter):

@@ -90,6 +90,14 @@ def make_file_name(name: str) -> str:
     return f"_{text}" if text.split(".")[0].upper() in RESERVED_NAMES else text
 
 
+def number_file_names(names: Iterable[str]) -> list[str]:
+    """Return names of files that are all different, also where capitals do not count."""
+    plain = list(names)
+    folded = [name.casefold() for name in plain]
+    unique = zip(plain, folded, number_names(folded), strict=True)
+    return [name + numbered[len(fold) :] for name, fold, numbered in unique]
+
+
 def number_names(names: Iterable[str], taken: Iterable[str] = ()) -> list[str]:
     """Return names that are all different: one that is taken, or there before, gets a number."""
     known, numbers, chosen = set(taken), dict[str, int](), list[str]()

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import cageik_cli.cli.batch as command
+from cageik_cli.run.extraction import Extraction
 from cageik_cli.store.binding_file import is_binding
 from cageik_cli.store.result import read_binding, read_result
 from tests.cli.conftest import Here
@@ -125,6 +126,58 @@ def test_a_frame_that_cannot_be_read_costs_its_own_clip_alone(anim, animation, w
     assert "f_4.obj" in outcome.err
     assert "2 done, 1 failed" in outcome.err
     np.testing.assert_array_equal(weights_of("fast")[1], weights_of("walk")[1])
+
+
+def test_clips_whose_frames_have_the_same_names_are_not_taken_for_one(anim, animation, write_obj):
+    for name in ("early", "late"):
+        for k, vertices in enumerate(animation.frames, start=1):
+            write_obj(Path(f"anim/{name}/f_{k}.obj"), vertices, animation.rest.faces)
+    Path("anim/late/f_4.obj").write_text("v 1 2 x\n")
+    outcome = run(*BATCH)
+    assert outcome.code == 4
+    assert "one set of weights for 3 clips: fast.npz, walk.npz, early" in outcome.err
+    assert "3 done, 1 failed" in outcome.err
+
+
+def read_faults():
+    clips = json.loads(Path("out/report.json").read_text())["clips"]
+    return {clip["name"]: clip["fault"] for clip in clips}
+
+
+@pytest.mark.parametrize("error", [MemoryError(), OSError("the disk is gone")])
+def test_any_error_of_the_fit_is_that_of_its_clips(anim, monkeypatch, error):
+    def fail(*_, **__):
+        raise error
+
+    monkeypatch.setattr("cageik_cli.batch.shared_fit.fit_to_clips", fail)
+    assert run(*BATCH).code == 1
+    assert set(read_faults()) == {"fast.npz", "walk.npz"}
+    assert all(read_faults().values())
+
+
+def test_any_error_of_opening_a_clip_is_its_own(anim, monkeypatch):
+    opened = Extraction.open
+
+    def fail_for_one(extraction):
+        if "fast" in str(extraction.settings.frames):
+            raise MemoryError
+        return opened(extraction)
+
+    monkeypatch.setattr(Extraction, "open", fail_for_one)
+    outcome = run(*BATCH)
+    assert outcome.code == 4
+    assert "one set of weights for 1 clip: walk.npz" in outcome.err
+    assert [name for name, fault in read_faults().items() if fault] == ["fast.npz"]
+
+
+def test_a_fit_that_is_interrupted_says_how_to_continue(anim, monkeypatch):
+    def stop(*_, **__):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("cageik_cli.batch.shared_fit.fit_to_clips", stop)
+    outcome = run(*BATCH)
+    assert outcome.code == 1
+    assert "0 of 2 clips are done; continue with --resume" in outcome.err
 
 
 def test_where_no_weights_can_be_fitted_all_clips_of_the_model_say_so(anim, write_obj):
