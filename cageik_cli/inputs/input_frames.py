@@ -123,7 +123,7 @@ def find_input(result: Result, reconstruction: Reconstruction, jobs: int = 1) ->
             settings = ClipSettings(gaps="close", exclude=exclude, fps=result.scene.fps)
             clip = open_sequence(arguments, settings)
             numbers = {name: number for number, name in enumerate(clip.names)}
-            is_input = clip.describe_source() == result.sources["frames"]
+            is_input = clip.describe_source() == result.sources.get("frames")
             if is_input and all(name in numbers for name in result.frames):
                 places = [(clip, numbers[name]) for name in result.frames]
                 found = InputFrames(reconstruction, places, jobs)

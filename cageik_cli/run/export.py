@@ -50,7 +50,7 @@ from cageik_cli.run.rig import (
 from cageik_cli.run.settings import ExportSettings
 from cageik_cli.store.result import StoredAnimation, read_animation, read_cages
 from cageik_cli.util.arrays import Floats, Integers, count_frames, cut_blocks
-from cageik_cli.util.errors import SettingError, join_truncated
+from cageik_cli.util.errors import SettingError, add_remark, join_truncated
 from cageik_cli.util.messages import Hint, join_texts, say
 from cageik_cli.util.outputs import check_no_overlap
 from cageik_cli.util.progress import ProgressListener
@@ -269,19 +269,30 @@ def _write_layers(
     byte_count, start = whole.byte_count, 0
     counts = [clip.frame_count for clip in animation.clips]
     blocks = cut_blocks(map(conversion.apply, places), counts)
-    for layer, clip, own in zip(layers, animation.clips, blocks, strict=True):
-        frames = slice(start, start + clip.frame_count)
-        scene = conversion.convert_hints(SceneHints()).override(clip.scene)
-        write_motion = partial(
-            MotionWriter,
-            skin=replace(skin, rotations=skin.rotations[frames], turns=turns, error=clip.error),
-            layer=settings.output.path,
-            clip=clip.name,
-            is_extracted=is_extracted,
+    written = [whole.path.name]
+    try:
+        for layer, clip, own in zip(layers, animation.clips, blocks, strict=True):
+            frames = slice(start, start + clip.frame_count)
+            scene = conversion.convert_hints(SceneHints()).override(clip.scene)
+            write_motion = partial(
+                MotionWriter,
+                skin=replace(skin, rotations=skin.rotations[frames], turns=turns, error=clip.error),
+                layer=settings.output.path,
+                clip=clip.name,
+                is_extracted=is_extracted,
+            )
+            moving = replace(still, frame_count=clip.frame_count, scene=scene)
+            summary = write_animation(layer, moving, own, progress, write_motion)
+            byte_count, start = byte_count + summary.byte_count, frames.stop
+            written.append(layer.path.name)
+    except BaseException as error:  # each file is over the first, which has to be there already
+        left = [layer.path.name for layer in layers[len(written) - 1 :]]
+        add_remark(
+            error,
+            f"{join_truncated(written)} {'is' if len(written) == 1 else 'are'} written, "
+            f"{join_truncated(left)} not; " + say("write all again with `overwrite=True`"),
         )
-        moving = replace(still, frame_count=clip.frame_count, scene=scene)
-        summary = write_animation(layer, moving, own, progress, write_motion)
-        byte_count, start = byte_count + summary.byte_count, frames.stop
+        raise
     progress.note(
         "note",
         f"{whole.path.name}: the mesh and its skeleton at rest; over it, a file of each clip: "

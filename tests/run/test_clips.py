@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from cageik_cli.formats.open import open_sequence
 from cageik_cli.formats.usd.library import capture_diagnostics
+from cageik_cli.formats.usd.motion import MotionWriter
 from cageik_cli.run import rig
 from cageik_cli.store.result import read_result
 from cageik_cli.util.arrays import cut_blocks
@@ -188,6 +189,35 @@ def test_files_of_clips_are_converted_and_moved_together(run, results):
     moved = 100 * plain[..., [0, 2, 1]] * [1, -1, 1]
     offsets = (turned - moved).reshape(-1, 3)
     np.testing.assert_allclose(offsets, np.tile(offsets[0], (len(offsets), 1)), atol=2e-3)
+
+
+def test_a_skeleton_that_is_held_open_is_read_as_it_is_now(run, results):
+    """Its file has other joints than the one that was written, and opened, before."""
+    said(run(*EXPORT, "hero.usdc", *SKELETON, "--joints", "5"))
+    held = Usd.Stage.Open("hero.usdc")
+    assert held.GetPrimAtPath("/cage/skeleton")
+    said(run(*EXPORT, "hero.usdc", *SKELETON, "--overwrite"))
+    layer = Sdf.Layer.OpenAsAnonymous("hero_run.usdc")
+    joints = layer.GetAttributeAtPath("/cage/skeleton/run.joints").default
+    rest = Sdf.Layer.OpenAsAnonymous("hero.usdc")
+    assert list(joints) == list(rest.GetAttributeAtPath("/cage/skeleton.joints").default)
+
+
+def test_an_export_that_fails_says_which_files_are_written(run, results, monkeypatch):
+    complete = MotionWriter.complete
+
+    def fail_at_second(writer):
+        if "run" in writer._target.name:
+            raise OSError("the disk is full")
+        complete(writer)
+
+    monkeypatch.setattr(MotionWriter, "complete", fail_at_second)
+    outcome = run(*EXPORT, "hero.usdc", *SKELETON)
+    assert outcome.code == 1
+    text = "hero.usdc, hero_walk.usdc are written, hero_run.usdc, hero_hop.usdc not; write all"
+    assert text in " ".join(outcome.err.split())
+    assert "--overwrite" in outcome.err
+    assert {path.name for path in Path().glob("hero*")} == {"hero.usdc", "hero_walk.usdc"}
 
 
 def test_files_of_clips_are_not_replaced_unasked(run, results):

@@ -42,8 +42,11 @@ class MotionWriter(SkeletonWriter):
         self.open_stage(target, animation, JOINT_FRAME_BYTES * len(self.skeleton.names))
         self._cage_mesh = None
         with capture_diagnostics(OSError):
-            from pxr import Tf, UsdSkel
+            from pxr import Sdf, Tf, UsdSkel
 
+            held = Sdf.Layer.Find(require_unicode(layer.resolve()))
+            if held is not None:  # someone has it open, as it was before it was written now
+                held.Reload()
             self.stage.GetRootLayer().subLayerPaths.append(f"./{require_unicode(Path(layer.name))}")
             meshes = place_meshes(choose_prim_paths([part.name for part in parts], animation.name))
             slices = [part.vertices for part in parts]
