@@ -83,6 +83,38 @@ def test_the_action_extracts_and_keeps_what_it_uploads(shell, folder, options, c
     assert all(Path(path).is_file() for path in outputs)
 
 
+def test_the_action_runs_twice_in_a_job(shell, folder):
+    """Each step has its own file of seconds, and a later run continues the first."""
+    Path("all").mkdir()
+    Path("frames").rename("all/frames")
+    script = find_step("Extract and check")["run"]
+    given = {"FOLDERS": "all", "RUNNER_TEMP": str(folder), "OPTIONS": "--cage cage.obj"}
+    for output, options in (("out", ""), ("other", ""), ("out", " --resume")):
+        options = given["OPTIONS"] + options
+        done = shell("bash", "-e", "-c", script, **given | {"OUTPUT": output, "OPTIONS": options})
+        assert done.returncode == 0, done.stderr
+    assert len(list(folder.glob("cageik-*/seconds.json"))) == 3
+
+
+def test_steps_of_other_inputs_have_caches_of_their_own(shell, folder):
+    script, names = find_step("Name the cache")["run"], set()
+    first = {"FOLDERS": "a b", "OUTPUT": "out", "OPTIONS": ""}
+    others = [{"FOLDERS": "a"}, {"OUTPUT": "other"}, {"OPTIONS": "b"}]
+    others += [{"FOLDERS": "a", "OPTIONS": "b"}, {"FOLDERS": "a bout", "OUTPUT": ""}, {}]
+    for other in others:
+        given = first | other | {"GITHUB_OUTPUT": "said", "RUNNER_OS": "Linux"}
+        done = shell("bash", "-e", "-c", script, **given)
+        assert done.returncode == 0, done.stderr
+        (name,) = re.findall(
+            r"^prefix=(cageik-Linux-[0-9a-f]{40}-)$", Path("said").read_text(), re.M
+        )
+        names.add(name)
+        Path("said").unlink()
+    assert len(names) == len(others)
+    (step,) = (step for step in STEPS if "actions/cache" in step.get("uses", ""))
+    assert step["with"]["key"].startswith("${{ steps.cache.outputs.prefix }}${{ github.run_id }}-")
+
+
 def test_the_commands_of_action_and_hooks_exist():
     script = find_step("Extract and check")["run"].splitlines()[-1]
     assert check_command(shlex.split(script)[1:]) is None

@@ -72,6 +72,8 @@ class BatchPlan:
         Clips that cannot be started, and why.
     order : tuple of str
         Names of all clips, as reports list them.
+    inputs : tuple of Path
+        The files that the jobs read.
     notes : tuple of str
         On files that are no clips.
     shares_fit : bool
@@ -82,6 +84,7 @@ class BatchPlan:
     jobs: tuple[ClipJob, ...]
     rejected: tuple[ClipEntry, ...]
     order: tuple[str, ...]
+    inputs: tuple[Path, ...] = ()
     notes: tuple[str, ...] = ()
     shares_fit: bool = False
 
@@ -116,15 +119,15 @@ def run_batch(
     done: list[Outcome] = []
     with _folder_lock(batch.output):
         make_folder(batch.output / CLIPS_FOLDER)
-        if batch.shares_fit:
-            threads = count_processors()
-            shared, unfitted = share_fits(
-                batch.jobs, batch.output, progress, spelling=spelling, count=threads
-            )
-            rejected = (*batch.rejected, *unfitted)
-            batch = replace(batch, jobs=tuple(shared), rejected=rejected)
-            entries |= {entry.name: entry for entry in unfitted}
         try:
+            if batch.shares_fit:
+                threads = count_processors()
+                shared, unfitted = share_fits(
+                    batch.jobs, batch.output, progress, spelling=spelling, count=threads
+                )
+                rejected = (*batch.rejected, *unfitted)
+                batch = replace(batch, jobs=tuple(shared), rejected=rejected)
+                entries |= {entry.name: entry for entry in unfitted}
             with progress.stage("batch"), scheduler as active_scheduler:
                 for entry in batch.rejected:
                     label = f"{labels[entry.name]:<{width}}"

@@ -205,15 +205,16 @@ def batch_command(
 
     batch = plan_batch(options, shared)
     written = [options.output / name for name in (CLIPS_FOLDER, *REPORT_FILES)]
-    inputs = [path for job in batch.jobs for path in job.settings.inputs()]
-    check_no_overlap([*written, timings], inputs)
+    check_no_overlap([*written, timings], batch.inputs)
     for note in batch.notes if not quiet else ():
         click.echo(f"note: {note}", err=True)
     if dry_run:
         _show_dry_run(describe_batch(batch))
         return
     chosen = _choose_scheduler(scheduler, jobs, quiet)
-    with show_progress(not quiet, timings, options.overwrite, LineLogger) as progress:
+    with show_progress(
+        not quiet, timings, options.overwrite, LineLogger, resume=options.resume
+    ) as progress:
         overview = run_batch(batch, chosen, progress, spell_option, is_timed=timings is not None)
     append_step_summary(format_markdown(overview))
     _show_overview(overview, quiet)
@@ -300,7 +301,7 @@ def plan_batch(options: BatchOptions, shared: SharedOptions) -> "BatchPlan":
     notes: list[str] = []
     found = _find_clips(options, shared, tables, notes.append)
     load_baseline = cache(read_baseline)
-    jobs, rejected, is_wrong_usage = [], [], False
+    jobs, inputs, rejected, is_wrong_usage = [], [], [], False
     for clip in found:
         try:
             collected = tables.collect_options(clip.folder, clip.path)
@@ -308,7 +309,9 @@ def plan_batch(options: BatchOptions, shared: SharedOptions) -> "BatchPlan":
             settings, limits = _make_clip_settings(clip, given, load_baseline)
             if options.shared_fit:
                 _check_shared_fit(settings)
-            jobs.append(_make_job(clip, settings, limits, options))
+            job = _make_job(clip, settings, limits, options)
+            inputs += job.settings.inputs()
+            jobs.append(job)
         except (click.UsageError, CageikError) as error:
             rejected.append(ClipEntry(clip.name, fault=to_unicode(_describe_fault(error))))
             is_wrong_usage = isinstance(error, click.UsageError | WrongUsageError)
@@ -318,7 +321,13 @@ def plan_batch(options: BatchOptions, shared: SharedOptions) -> "BatchPlan":
     order = tuple(clip.name for clip in found)
     jobs = [replace(job, limits=job.limits.match_several(order)) for job in jobs]
     return BatchPlan(
-        options.output, tuple(jobs), tuple(rejected), order, tuple(notes), options.shared_fit
+        options.output,
+        tuple(jobs),
+        tuple(rejected),
+        order,
+        tuple(inputs),
+        tuple(notes),
+        options.shared_fit,
     )
 
 

@@ -147,7 +147,7 @@ def extract_command(
     check_no_overlap(
         [*settings.outputs(), timings, *exported], [*settings.inputs(), limits.baseline]
     )
-    with show_progress(not quiet, timings, settings.overwrite) as progress:
+    with show_progress(not quiet, timings, settings.overwrite, resume=settings.resume) as progress:
         result = extract(settings, progress)
         messages = _export(planned, progress)
     report = build_report(result, loaded_limits, spelling=spell_option)

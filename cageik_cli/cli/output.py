@@ -15,7 +15,8 @@ import click
 
 from cageik_cli.cli.command import get_verbosity
 from cageik_cli.cli.group import spell_message
-from cageik_cli.util.errors import OutputError
+from cageik_cli.util.errors import CageikError, OutputError
+from cageik_cli.util.json_files import JsonFormat, read_json
 from cageik_cli.util.messages import Row, Said
 from cageik_cli.util.outputs import check_no_overlap, check_writable, write_bytes, write_text
 from cageik_cli.util.progress import ProgressListener
@@ -29,6 +30,9 @@ if TYPE_CHECKING:
 
 MAX_SUMMARY_BYTES = 1 << 20
 """Largest size of the page of a step; GitHub shows no larger one."""
+
+MAX_TIMINGS_BYTES = 1 << 16
+"""Largest size of a file of `--timings`, which has a dozen stages."""
 
 
 class ProgressBar(ProgressListener):
@@ -131,9 +135,15 @@ def show_progress(
     timings: Path | None,
     overwrite: bool,
     listener_type: type[ProgressBar] = ProgressBar,
+    *,
+    resume: bool = False,
 ) -> Iterator[ProgressBar]:
-    """Show the progress of the block inside; write its seconds if the block succeeds."""
+    """Show the progress of the block inside; write its seconds if the block succeeds.
+
+    A run that resumes replaces the seconds of an earlier one, but no other file.
+    """
     if timings is not None:
+        overwrite = overwrite or (resume and timings.is_file() and _holds_seconds(timings))
         check_writable(timings, overwrite)
     progress = listener_type(is_drawn)
     try:
@@ -142,6 +152,19 @@ def show_progress(
         progress.close()
     if timings is not None:
         write_text(timings, json.dumps(progress.seconds, indent=1) + "\n", overwrite)
+
+
+def _holds_seconds(path: Path) -> bool:
+    """Return whether a file was written by `--timings`."""
+    try:
+        seconds = read_json(path, JsonFormat("a file of --timings", MAX_TIMINGS_BYTES))
+    except CageikError:
+        return False  # and so it is not replaced
+    return (
+        isinstance(seconds, dict)
+        and "total" in seconds
+        and all(isinstance(each, float | int) for each in seconds.values())
+    )
 
 
 def check_views(

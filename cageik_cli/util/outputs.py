@@ -102,6 +102,8 @@ def check_no_overlap(outputs: Sequence[Path | None], inputs: Sequence[Path | Non
     `-`, standard output, overlaps with nothing.
     """
     taken = {path.resolve() for path in inputs if path is not None}
+    # Frames lie in few folders, whose parents are looked for once.
+    above = {folder for held in {path.parent for path in taken} for folder in (held, *held.parents)}
     for path in outputs:
         if path is None or str(path) == "-":
             continue
@@ -110,11 +112,12 @@ def check_no_overlap(outputs: Sequence[Path | None], inputs: Sequence[Path | Non
             raise OutputError(
                 f"{path}: is read or written by this command already; choose another name"
             )
-        if any(place in other.parents for other in taken):
+        if place in above:
             raise OutputError(
                 f"{path}: is a folder with files that this command reads or writes; choose another"
             )
         taken.add(place)
+        above.update(place.parents)
 
 
 class DeferredErrorFile(io.FileIO):

@@ -226,10 +226,24 @@ def test_timings_of_a_batch_are_in_its_junit(run, anim, here):
     assert len(times) == 3
     assert min(times) > 0
     assert sum(times) < seconds["batch"] + 3 * 0.0005  # they are rounded
-    assert run(*BATCH, "--resume", "--timings", "seconds.json").code == 1
+    assert run(*BATCH, "--resume", "--timings", "seconds.json").code == 0
+    again = json.loads(Path("seconds.json").read_text())
+    assert again.keys() == seconds.keys()
+    assert again != seconds
     assert run(*BATCH, "--resume").code == 0
     suites = ElementTree.parse("out/junit.xml").getroot()
     assert {element.get("time") for element in suites.iter() if "time" in element.attrib} == {"0"}
+
+
+@pytest.mark.parametrize(
+    "text", ["", "[1]", "{}", '{"total": "a"}', '{"walk": 1.5}', '{"total": 1' + " " * 70_000 + "}"]
+)
+def test_a_batch_that_resumes_replaces_no_other_file_with_its_timings(run, done, text):
+    Path("notes.json").write_text(text)
+    outcome = run(*BATCH, "--resume", "--timings", "notes.json")
+    assert outcome.code == 1
+    assert "notes.json: exists already" in outcome.err
+    assert Path("notes.json").read_text() == text
 
 
 def test_frames_that_can_be_left_out_are_said_once(run, anim, here):
@@ -284,6 +298,7 @@ def test_options_for_some_clips(run, anim, here):
         ("[extract]\nalfa = 1\n", "has no option alfa"),
         ('[extract]\ncage = "cage.obj"\nalpha = -1\n', "alpha"),
         ('[extract]\ncage = "none.obj"\n', "none.obj: no such file"),
+        ('[extract]\ncage = "cage.obj::"\n', "cage.obj: given `::` without a name behind it"),
     ],
 )
 def test_a_clip_whose_options_cannot_be_fails_alone(run, anim, here, text, says):

@@ -103,6 +103,9 @@ def test_timings_are_seconds_by_stage(run, folder):
     assert set(seconds) == stages | {"total"}
     assert all(value >= 0 for value in seconds.values())
     assert sum(seconds[stage] for stage in stages) <= seconds["total"]
+    assert run(*TYPED, "--timings", "seconds.json").code == 1
+    assert run(*TYPED, "--resume", "--timings", "seconds.json").code == 0
+    assert set(json.loads(Path("seconds.json").read_text())) == {"open", "total"}
 
 
 def test_verbose_says_what_was_read_and_asked(run, folder):
