@@ -19,7 +19,7 @@ FIXTURES = Path(__file__).resolve().parent
 PICTURES = FIXTURES / "pictures"
 WALKER = FIXTURES / "walker"
 HAND, BODY = 1040, (994, 1090, 889, 389)
-FIRST, LAST, FALLOFF, SHOWN = 20, 36, 6, 28
+FIRST, LAST, FADE, SHOWN = 20, 36, 6, 28
 ARGUMENTS = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader"]
 ARGUMENTS.append("--enable-unsafe-swiftshader")
 
@@ -57,8 +57,9 @@ def walk_through(page: Page) -> None:
     for vertex in BODY:
         add(page, vertex, "pin")
     add(page, HAND, "handle")
-    for label, number in (("Frames from", FIRST), ("to", LAST), ("Falloff", FALLOFF)):
-        page.get_by_label(label, exact=True).fill(str(number))
+    panel = page.get_by_role("group", name="Pose", exact=True)
+    for label, number in (("From", FIRST), ("To", LAST), ("Fade", FADE)):
+        panel.get_by_label(label, exact=True).fill(str(number))
         page.keyboard.press("Tab")
     page.locator("#player canvas").scroll_into_view_if_needed()
     x, y = place_of(page, HAND)

@@ -45,7 +45,8 @@ def chosen(page):
 
 
 def type_in(page, label, text):
-    page.get_by_label(label, exact=True).fill(str(text))
+    panel = page.get_by_role("group", name="Cage", exact=True)
+    panel.get_by_label(label, exact=True).fill(str(text))
     page.keyboard.press("Enter")
     settle(page)
 
@@ -114,7 +115,7 @@ def test_keys_frames_and_handles_are_those_of_the_command(edit, walk, tmp_path):
     type_in(page, "Cage vertices", f"{HAND}, 40-42")
     assert chosen(page) == [40, 41, 42, HAND]
     page.get_by_role("button", name="New edit").click()
-    for label, value in (("Holds from", 4), ("until", 9), ("Fades over", 3), ("Edit name", "arm")):
+    for label, value in (("From", 4), ("To", 9), ("Fade", 3), ("Edit name", "arm")):
         type_in(page, label, value)
     for frame, height in ((3, 0.05), (5, 0.2), (8, 0.1)):
         go(page, frame)
@@ -399,7 +400,7 @@ def test_an_edit_without_strength_is_said_to_be(edit):
     page = edit()
     type_in(page, "Cage vertices", HAND)
     page.get_by_role("button", name="New edit").click()
-    for label, value in (("Holds from", 4), ("until", 9)):
+    for label, value in (("From", 4), ("To", 9)):
         type_in(page, label, value)
     page.locator("[data-cage-move-y]").fill("0.3")
     page.keyboard.press("Enter")

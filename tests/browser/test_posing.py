@@ -259,8 +259,9 @@ def test_frames_falloff_and_keys_are_those_of_the_command_line(pose, walk, tmp_p
     page = pose()
     pin_body(page)
     add_vertex(page, HAND)
-    for name, value in [("Frames from", 4), ("to", 9), ("Falloff", 3)]:
-        page.get_by_label(name, exact=True).fill(str(value))
+    for name, value in [("From", 4), ("To", 9), ("Fade", 3)]:
+        panel = page.get_by_role("group", name="Pose", exact=True)
+        panel.get_by_label(name, exact=True).fill(str(value))
         page.keyboard.press("Enter")
     for frame, height in [(3, 0.1), (5, 0.4), (8, 0.2)]:
         go(page, frame)

@@ -100,10 +100,10 @@ class Panel {
 
   // In which frames something holds, and over how many it fades in and out.
   editSpan(thing) {
-    const names = ["first", "last", "falloff"], { clip } = this.stage;
+    const names = ["first", "last", "fade"], { clip } = this.stage;
     for (const name of names) this.edit(name, () => {
-      const [first, last, falloff] = names.map((one) => this.numberOf(one)), from = clip.frameOf(first);
-      Object.assign(thing(), { frames: [from, max(from, clip.frameOf(last))].map((frame) => clip.numberOf(frame)), falloff: max(0, round(falloff)) });
+      const [first, last, fade] = names.map((one) => this.numberOf(one)), from = clip.frameOf(first);
+      Object.assign(thing(), { frames: [from, max(from, clip.frameOf(last))].map((frame) => clip.numberOf(frame)), falloff: max(0, round(fade)) });
     });
   }
 
@@ -150,7 +150,7 @@ class Panel {
   // Shows an edit, in which frames it holds, and the keys of a track of it; marks them in the bar of time, if it acts.
   showEdit(kind, edit, track, { isMarked, beyond = "" }) {
     const { stage: { clip, timeline, number }, editor } = this, keys = track?.frames, { frames: range = clip.ends, falloff = 0 } = edit ?? {};
-    ["first", "last", "falloff"].forEach((name, k) => this.put(name, [...range, falloff][k]));
+    ["first", "last", "fade"].forEach((name, k) => this.put(name, [...range, falloff][k]));
     timeline.mark(kind, isMarked ? { range, falloff, keys } : {});
     this.say("keys", keys ? `keys at ${keys.join(", ")}` : "the same in all frames");
     this.enable({ unkey: keys?.includes(number), apply: editor.hasEdits });
