@@ -14,6 +14,7 @@ PLAYER_SCRIPTS = (
     "renderer",
     "pointers",
     "selection",
+    "transform",
     "transport",
     "stage",
     "controls",

@@ -63,7 +63,7 @@ interface Arrays {
 interface Payload { header: Header; arrays: Arrays }
 
 // A point of the surface under a pixel: its face, the corners, and the shares of these.
-interface Hit { face: number; corners: number[]; barycentric: number[] }
+interface Hit { depth: number; face: number; corners: number[]; barycentric: number[] }
 
 // The colours of a picture, and what its scale says; without `end` there is no scale.
 interface Painted { ramp: Float32Array; isTinted?: boolean; low?: number; end?: number; unit?: string; shown?: string[] }
@@ -75,7 +75,7 @@ interface Mode {
   drag?(x: number, y: number): void;
   drop?(): void;
   click?(x: number, y: number, event: PointerEvent): void;
-  hover?(x: number, y: number): void;
+  hover?(x: number, y: number, event: PointerEvent): Hover | void;
   press?(event: KeyboardEvent): boolean;
   paint?(values: Float32Array): Painted | null;
   draw?(renderer: Renderer): void;
@@ -84,7 +84,34 @@ interface Mode {
   hide?(): void;
 }
 
-interface Modes { stage: Stage; list: (Mode & { button: any; panel: any; keys: any })[]; active: any; isDragging: boolean }
+// What is under the pointer: what is said of it, the cursor, and the class and points of what highlights it.
+interface Hover { text?: string; cursor?: string; kind?: string; points?: number[][] }
+
+interface Modes {
+  stage: Stage;
+  list: (Mode & { button: any; panel: any; keys: any })[];
+  active: any;
+  isDragging: boolean;
+  transform: Transform | null;
+  pointer: [number, number, PointerEvent] | null;
+  highlight: HTMLElement;
+}
+
+interface Transform {
+  stage: Stage;
+  kind: string;
+  kinds: string;
+  axis: string;
+  pivot: number[];
+  start: number[] | null;
+  typed: string;
+  angle: number;
+  isBegun: boolean;
+  isOver: boolean;
+  apply(transform: Transform): void;
+  end(isKept: boolean): void;
+  resize?(factor: number): boolean;
+}
 
 // What undo and redo go through.
 interface Past { past: any[]; future: any[]; complaint: string; snapshot(): any; restore(state: any): void }
@@ -93,13 +120,14 @@ interface Panel { stage: Stage; element: HTMLElement; prefix: string; editor: an
 
 interface Clip extends Omit<Header, "held" | "arrays"> { arrays: Arrays; count: number }
 
-interface Renderer { buffers: Record<string, WebGLBuffer>; counts: Record<string, number>; toClip: Float32Array; pixels: number }
+interface Renderer { buffers: Record<string, WebGLBuffer>; counts: Record<string, number>; toClip: Float32Array; pixels: number; isSolid: boolean; lift: number[] }
 
 interface Stage {
   section: HTMLElement;
   canvas: HTMLCanvasElement;
   history?: Past;
   travel?: (way: string) => void;
+  fold: (isFolded: boolean) => void;
   cages: any;
   modes: Modes;
   timeline: Timeline;
@@ -138,7 +166,9 @@ interface Editor {
 }
 
 // Edits of the cage by hand, and what of it is chosen.
-interface CageEditing { stage: Stage; clip: Clip; editor: Editor; active: number; mirrors: boolean; selection: CageSelection }
+interface CageEditing { stage: Stage; clip: Clip; editor: Editor; active: number; mirrors: boolean; selection: CageSelection; pivots: string; cursor: number[] }
+
+interface CageSelection { findCage: () => Points; falloff: string; radius: number }
 
 interface Poser { rows: Float64Array[]; rings: any; normal: any; solvers: any }
 

@@ -9,14 +9,14 @@ function faceTwice(camera, direction) {
 
 /** @param {Stage} stage */
 function makeAxes(stage) {
-  const { camera } = stage, reach = 26;
+  const { camera } = stage;
   const marks = Object.entries(AXES).map(([name, axis]) => {
     const [line, ...balls] = stage.find("axes").querySelectorAll(`.${name}`);
     balls.forEach((ball, k) => on(ball, "click", () => { faceTwice(camera, scale(axis, 1 - 2 * k)); stage.request(); }));
     return { axis, line, balls };
   });
   stage.listeners.push(() => {
-    const [right, up, back] = camera.axes();
+    const [right, up, back] = camera.axes(), reach = stage.isNarrow ? 36 : 26;
     for (const { axis, line, balls } of marks) {
       const [x, y, z] = [reach * dot(right, axis), -reach * dot(up, axis), dot(back, axis)];
       balls.forEach((ball, k) => {

@@ -55,12 +55,14 @@ function listActing({ edits }) {
   return edits.map((edit) => ({ ...edit, moves: edit.moves.filter(({ offset }) => !isStill(offset)) })).filter(({ moves }) => moves.length);
 }
 
-// The cage vertices that are chosen, and those around them that move along by a share.
+// The cage vertices that are chosen, and those around them that move along by a share: with a falloff over "edges" or in
+// "space", those within a radius, in diagonals.
 class CageSelection {
-  constructor(clip) {
+  // `findCage` returns the cage in which the radius is measured.
+  constructor(clip, findCage) {
     const { cage, cageFaces, joinedCageFaces } = clip.arrays;
     this.near = listNeighbours(listEdges(cageFaces, joinedCageFaces), cage.length / 3);
-    this.steps = 0;
+    Object.assign(this, { findCage, falloff: "", radius: 0.15 });
     this.choose([]);
   }
 
@@ -85,14 +87,32 @@ class CageSelection {
     if (inner.length) this.choose(inner);
   }
 
-  // Shares by the number of edges from the chosen ones: 1 there, and 0 beyond the steps.
-  spread() {
-    this.shares = new Map([...this.chosen].map((vertex) => [vertex, 1]));
-    let rim = [...this.chosen];
-    for (let step = 1; step <= this.steps; step++) {
-      const x = 1 - step / (this.steps + 1);
-      rim = [...new Set(rim.flatMap((vertex) => this.near[vertex]))].filter((vertex) => !this.shares.has(vertex));
-      for (const vertex of rim) this.shares.set(vertex, x * x * (3 - 2 * x));
+  // Shares by the distance from the chosen ones: 1 there, and 0 at the radius.
+  spread(cage = this.falloff ? this.findCage() : null) {
+    const { chosen, radius } = this, shares = this.shares = new Map([...chosen].map((vertex) => [vertex, 1]));
+    if (!this.falloff || !chosen.size) return;
+    const points = listPoints(cage);
+    (this.falloff === "edges" ? this.walk(points) : this.reach(points)).forEach((away, vertex) => {
+      const x = 1 - away / radius;
+      if (x > 0 && !chosen.has(vertex)) shares.set(vertex, x * x * (3 - 2 * x));
+    });
+  }
+
+  // How far vertices are from those that are chosen: in a straight line, and over edges, as far as the radius.
+  reach(points) {
+    const from = [...this.chosen].map((vertex) => points[vertex]);
+    return points.map((point) => min(...from.map((one) => norm(minus(point, one)))));
+  }
+
+  walk(points) {
+    const away = points.map((_, vertex) => this.chosen.has(vertex) ? 0 : Infinity), queue = [...this.chosen];
+    while (queue.length) {
+      const vertex = queue.shift();
+      for (const next of this.near[vertex]) {
+        const distance = away[vertex] + norm(minus(points[next], points[vertex]));
+        if (distance < min(away[next], this.radius)) { away[next] = distance; queue.push(next); }
+      }
     }
+    return away;
   }
 }

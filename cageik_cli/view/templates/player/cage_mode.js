@@ -1,13 +1,14 @@
-// The mode of cage vertices: they are chosen by clicks, boxes and numbers, and dragged in the plane of the screen
-// or along the axes of a gizmo; the panel has their offsets, frames and keys.
-const GIZMO_PIXELS = 64;
-const AXIS_PAINTS = { x: [0.84, 0.19, 0.19, 1], y: [0.13, 0.55, 0.13, 1], z: [0.16, 0.36, 0.9, 1] };
+// The mode of cage vertices: they are chosen by clicks, boxes and numbers, and moved, rotated and scaled by the pointer,
+// the arms of a gizmo and keys; the panel has their offsets, frames and keys.
+const GIZMO_PIXELS = 64, CIRCLE_SIDES = 48;
 
 // The active cage edit of the editor, and how it is changed.
 class CageEditing {
   constructor(stage) {
     const { clip, editor } = stage, { mirror } = clip;
-    Object.assign(this, { stage, clip, editor, active: 0, mirrors: false, selection: new CageSelection(clip) });
+    // Transforms are around the middle of what is chosen, the vertex that was chosen last, or the cursor.
+    Object.assign(this, { stage, clip, editor, active: 0, mirrors: false, pivots: "middle", cursor: meanOf(stage.cage) });
+    this.selection = new CageSelection(clip, () => stage.cage);
     this.mirror = mirror && { normal: normalize(mirror.normal), point: clip.fromFile(mirror.point) };
     this.partners = this.mirror && findPartners(stage.skin.cage, this.mirror);
   }
@@ -54,10 +55,16 @@ class CageEditing {
   // Where what is chosen is.
   get chosen() { return this.placesOf([...this.selection.chosen]); }
 
-  // The offsets of this frame if what is chosen moves from `starts` by a vector of the world, in file units.
-  spread(vector, starts = this.offsets) {
+  get pivot() {
+    const { pivots, cursor, chosen, selection: { last } } = this;
+    return pivots === "cursor" ? cursor : pivots === "last" ? this.place(last) : meanOf(chosen.flat());
+  }
+
+  // The offsets of this frame if what is chosen moves from `starts`; `find` returns the move of a vertex of some share, as a
+  // vector of the world, in file units.
+  spread(find, starts = this.offsets) {
     const { shares } = this.selection, moved = new Map();
-    for (const [vertex, share] of shares) moved.set(vertex, scale(vector, share));
+    for (const [vertex, share] of shares) moved.set(vertex, find(vertex, share));
     if (this.mirrors) this.reflect(moved);
     return [...moved].map(([vertex, move]) => [vertex, add(starts[vertex], move)]);
   }
@@ -104,11 +111,11 @@ class CageEditing {
     this.edit.moves = this.edit.moves.filter(({ vertex }) => !this.selection.shares.has(vertex));
   }
 
-  // The middle of what is chosen, and the tips of axes there by their names; not of those that are seen end on.
+  // The pivot of what is chosen, and the tips of axes there by their names; not of those that are seen end on.
   gizmo() {
     const { chosen, stage: { camera } } = this;
     if (!chosen.length) return null;
-    const middle = meanOf(chosen.flat()), size = 2 * GIZMO_PIXELS * camera.spans()[1] * camera.project(middle)[2] / camera.height;
+    const middle = this.pivot, size = 2 * GIZMO_PIXELS * camera.spans()[1] * camera.project(middle)[2] / camera.height;
     const isSeen = ({ tip }) => { const [x, y] = camera.project(tip); return nearestPoint(camera, [middle], x, y) < 0; };
     return { middle, tips: Object.entries(AXES).map(([axis, unit]) => ({ axis, tip: add(middle, scale(unit, size)) })).filter(isSeen) };
   }
@@ -117,47 +124,82 @@ class CageEditing {
 /** @param {Stage} stage */
 function makeCageMode(stage) {
   const cages = stage.cages = new CageEditing(stage), { editor, clip, camera, transport } = stage, { selection } = cages, panel = new Panel(stage, "cage", "cage-", editor);
-  let grip = null, boxes = false;
+  let grip = null, boxes = false, lastFalloff = "edges";
 
-  const hit = (x, y, event) => nearestPoint(camera, cages.places, x, y, event);
+  const isBox = (event) => boxes || event.ctrlKey || event.metaKey;
+
+  const hit = (x, y, event) => nearestSeen(stage, cages.places, x, y, event);
   // The arm of the gizmo under a pixel: not at its foot, where the vertex itself is.
   const armAt = (x, y) => {
     const gizmo = cages.gizmo();
     if (!gizmo || !nearestPoint(camera, [gizmo.middle], x, y)) return undefined;
     return gizmo.tips[nearestSegment(camera, gizmo.tips.map(({ tip }) => [gizmo.middle, tip]), x, y)]?.axis;
   };
+  // The next drag draws a box, unless it begins on the gizmo.
+  const setBox = (isOn) => {
+    boxes = isOn;
+    panel.find("box").setAttribute("aria-pressed", boxes);
+    stage.modes.hover(stage.modes.pointer);
+  };
   const grabBox = (x, y) => {
-    const box = new SelectionBox(camera, x, y), kept = [...selection.chosen];
+    const box = new SelectionBox(camera, x, y), kept = [...selection.chosen], seen = new Map();
+    const isSeen = (vertex) => {
+      if (!seen.has(vertex)) seen.set(vertex, stage.isSeen(cages.place(vertex)));
+      return seen.get(vertex);
+    };
     return {
       box,
-      drag(u, v) {
+      move(u, v) {
         box.to = [u, v];
-        selection.choose([...kept, ...box.list(cages.places)]);
+        selection.choose([...kept, ...box.list(cages.places).filter(isSeen)]);
         stage.request();
       },
+      finish: () => setBox(false),
     };
   };
+  const begin = (values) => {
+    if (!selection.chosen.size) { stage.modes.say("choose cage vertices first"); return null; }
+    const cage = editor.cageAt(stage.frame), starts = cages.offsets;
+    selection.spread(cage);
+    return stage.modes.begin({
+      kinds: "grs", pivot: cages.pivot, ...values,
+      apply: (transform) => editor.drag(() => {
+        const size = clip.diagonal / cages.strength;
+        cages.set(cages.spread((vertex, share) => scale(transform.displace(pointOf(cage, vertex), share), size), starts));
+      }),
+      end: (isKept) => isKept ? editor.drop() : editor.cancel(),
+      resize(factor) {
+        if (!selection.falloff) return false;
+        selection.radius *= factor;
+        selection.spread(cage);
+        // What moves no more goes back.
+        if (editor.before) editor.restore(editor.before);
+        return true;
+      },
+    });
+  };
   const grabVertices = (x, y, event) => {
-    const axis = armAt(x, y), vertex = axis ? -1 : hit(x, y, event);
-    if (!axis && (vertex < 0 || event.shiftKey)) return null;
-    if (!axis && !selection.chosen.has(vertex)) selection.choose([vertex]);
-    const follow = followPointer(camera, x, y, axis ? cages.gizmo().middle : cages.place(vertex), AXES[axis]), starts = cages.offsets;
-    return {
-      drag: (u, v) => editor.drag(() => cages.set(cages.spread(scale(follow(u, v), clip.diagonal / cages.strength), starts))),
-      drop: () => editor.drop(),
-    };
+    const vertex = hit(x, y, event), start = [x, y];
+    if (vertex < 0 || event.shiftKey) return null;
+    if (!selection.chosen.has(vertex)) selection.choose([vertex]);
+    return begin({ kind: "g", start, pivot: cages.place(vertex) });
+  };
+  const setFalloff = (falloff) => {
+    lastFalloff = falloff || lastFalloff;
+    Object.assign(selection, { falloff }).spread();
   };
   stage.modes.add({
     name: "cage",
     grab(x, y, event) {
       if (transport.isPlaying) return false;
-      grip = event.ctrlKey || event.metaKey || boxes ? grabBox(x, y) : grabVertices(x, y, event);
+      const axis = armAt(x, y);
+      grip = axis ? begin({ kind: "g", start: [x, y], axis }) : isBox(event) ? grabBox(x, y) : grabVertices(x, y, event);
       stage.request();
       return Boolean(grip);
     },
-    drag: (x, y) => grip.drag(x, y),
+    drag: (x, y) => grip.move(x, y),
     drop() {
-      grip?.drop?.();
+      grip.finish(true);
       grip = null;
     },
     click(x, y, event) {
@@ -166,12 +208,21 @@ function makeCageMode(stage) {
       else if (!event?.shiftKey) selection.choose(vertex < 0 ? [] : [vertex]);
       stage.request();
     },
-    hover(x, y) {
-      const vertex = transport.isPlaying ? -1 : hit(x, y);
-      stage.modes.say(vertex < 0 ? "" : `cage vertex ${vertex}`);
+    hover(x, y, event) {
+      const axis = armAt(x, y), { middle, tips } = cages.gizmo() ?? {};
+      if (axis) return { text: `move along ${axis}`, cursor: "move", kind: "arm", points: [middle, tips.find((one) => one.axis === axis).tip] };
+      if (isBox(event)) return { text: "drag a box", cursor: "crosshair" };
+      const vertex = hit(x, y, event);
+      return vertex < 0 ? { text: "" } : { text: `cage vertex ${vertex}`, cursor: event.shiftKey ? "pointer" : "move", kind: "ring", points: [cages.place(vertex)] };
     },
     press(event) {
-      if ((event.ctrlKey || event.metaKey) && event.key.toLowerCase() === "a") selection.choose(selection.near.keys());
+      const key = event.key.toLowerCase(), isCommand = event.ctrlKey || event.metaKey;
+      if (key === "a" && !event.altKey) selection.choose(selection.near.keys());
+      else if (isCommand || event.altKey) return false;
+      else if (TRANSFORM_KEYS[key]) begin({ kind: key });
+      else if (key === "b") setBox(!boxes);
+      else if (key === "o") setFalloff(selection.falloff ? "" : lastFalloff);
+      else if (event.key === "Escape" && boxes) setBox(false);
       else if (event.key === "Escape") selection.choose([]);
       else if (event.key === "]") selection.grow();
       else if (event.key === "[") selection.shrink();
@@ -181,11 +232,14 @@ function makeCageMode(stage) {
     },
     draw(renderer) {
       if (transport.share) return;
-      const paint = [...stage.cageColour(), 0.45], { middle, tips = [] } = cages.gizmo() ?? {};
-      renderer.drawDots(stage.cage, paint, 6, paint);
+      const { transform } = stage.modes, paint = [...stage.cageColour(), 0.45], { middle, tips = [] } = cages.gizmo() ?? {};
+      if (selection.falloff && !transform) selection.spread();
+      renderer.drawDots(stage.cage, paint, 6, paint, true);
       // What is chosen hides its smaller dot of what moves along.
-      renderer.drawDots(cages.placesOf([...selection.shares.keys()]).flat(), [1, 0.75, 0.3, 1], 10, BLACK);
-      renderer.drawDots(cages.chosen.flat(), CHOSEN_PAINT, 13, BLACK);
+      renderer.drawDots(cages.placesOf([...selection.shares.keys()]).flat(), [1, 0.75, 0.3, 1], 10, BLACK, true);
+      renderer.drawDots(cages.chosen.flat(), CHOSEN_PAINT, 13, BLACK, true);
+      if (transform && selection.falloff) drawCircle(renderer, transform.pivot);
+      if (cages.pivots === "cursor") renderer.drawSquares(cages.cursor, RED, 9);
       for (const { axis, tip } of tips) {
         renderer.drawLines([...middle, ...tip], AXIS_PAINTS[axis]);
         renderer.drawSquares(tip, AXIS_PAINTS[axis], 9);
@@ -196,13 +250,31 @@ function makeCageMode(stage) {
     show() { stage.view.cage ||= true; },
   });
 
-  panel.listen("box", (button) => {
-    boxes = !boxes;
-    button.setAttribute("aria-pressed", boxes);
-  });
+  // The radius of what moves along, around a point.
+  const drawCircle = (renderer, middle) => {
+    const [right, up] = camera.axes(), place = (k) => {
+      const angle = 360 * DEGREE * k / CIRCLE_SIDES, { radius } = selection;
+      return add(middle, add(scale(right, radius * cos(angle)), scale(up, radius * sin(angle))));
+    };
+    renderer.drawLines(listOf(CIRCLE_SIDES, (k) => [...place(k), ...place(k + 1)]).flat(), TRANSFORM_GREY);
+  };
+
+  panel.listen("box", () => setBox(!boxes));
+  for (const [kind, name] of Object.entries({ g: "grab", r: "rotate", s: "scale" })) panel.listen(name, () => begin({ kind, start: null }));
   panel.listen("vertices", (input) => selection.choose(parseVertices(input.value, selection.near.length)));
   for (const name of ["grow", "shrink"]) panel.listen(name, () => selection[name]());
-  panel.listen("soft", () => { selection.steps = clamp(round(panel.numberOf("soft")), 0, 100); selection.spread(); });
+  panel.listen("falloff", ({ value }) => setFalloff(value));
+  panel.listen("radius", () => {
+    const radius = panel.numberOf("radius") / clip.diagonal;
+    if (radius <= 0) refuse("Radius", "expected a number above 0");
+    Object.assign(selection, { radius }).spread();
+  });
+  panel.listen("pivot", ({ value }) => { cages.pivots = value; });
+  panel.listen("cursor", () => {
+    if (!selection.chosen.size) refuse("Cursor", "choose the cage vertices in whose middle it is to be");
+    cages.cursor = meanOf(cages.chosen.flat());
+    cages.pivots = "cursor";
+  });
   panel.listen("mirror", (input) => { cages.mirrors = input.checked; });
   panel.listen("edit", (list) => { cages.active = Number(list.value); });
   panel.edit("add", () => cages.add());
@@ -212,7 +284,7 @@ function makeCageMode(stage) {
   panel.listenToPoint("move-", (k, value) => {
     const vector = [0, 0, 0];
     vector[k] = value - cages.offset(selection.last)[k];
-    editor.change(() => cages.set(cages.spread(vector)));
+    editor.change(() => cages.set(cages.spread((_, share) => scale(vector, share))));
   });
   panel.edit("key", () => cages.setKeys());
   panel.edit("unkey", () => cages.removeKeys());
@@ -235,6 +307,10 @@ function showCages(panel, { cages, editor }) {
   panel.put("name", edit?.name ?? "");
   panel.find("chosen").hidden = !size;
   if (size) panel.putPoint("move-", cages.offset(selection.last));
-  panel.enable({ save: acting, grow: size, shrink: size, clear: edit?.moves.some(({ vertex }) => selection.shares.has(vertex)) });
+  panel.put("falloff", selection.falloff);
+  panel.find("radius").parentElement.hidden = !selection.falloff;
+  panel.put("radius", ROUND3(selection.radius * cages.clip.diagonal));
+  panel.put("pivot", cages.pivots);
+  panel.enable({ save: acting, grow: size, shrink: size, grab: size, rotate: size, scale: size, cursor: size, clear: edit?.moves.some(({ vertex }) => selection.shares.has(vertex)) });
   panel.showEdit("cage", edit, cages.moveOf(selection.last)?.offset, { isMarked: acting && edit });
 }

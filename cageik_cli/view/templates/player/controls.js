@@ -1,5 +1,9 @@
-// The buttons and lists beside the picture, and its keys.
-const NARROW = 700;
+// The buttons and lists beside the picture, and the keys.
+const NARROW = 700, MAX_FPS = 240;
+
+// Where keys are typed, and what has keys of its own once Tab has gone to it.
+const TEXT_FIELDS = "input:not([type=checkbox], [type=range], [type=file], [type=button]), textarea";
+const OWN_KEYS = { SELECT: /./, INPUT: /^(\s|Enter|Arrow.*|Home|End|Page.*)$/, DIV: /^(Arrow.*|Home|End|Page.*)$/, BUTTON: /^(\s|Enter)$/, SUMMARY: /^(\s|Enter)$/ };
 
 /** @param {Stage} stage */
 function makeControls(stage) {
@@ -21,12 +25,28 @@ function makeControls(stage) {
   for (const key of ["speed", "loop", "smooth"]) bind(key, transport, key);
   for (const key of ["follow", "show", "colours", "cage", "edges", "grid"]) bind(key, view, key);
   on(find("edges"), "change", () => stage.sendEdges());
-  const fold = (isFolded) => {
+  on(find("xray"), "click", ({ currentTarget }) => {
+    view.xray = !view.xray;
+    currentTarget.setAttribute("aria-pressed", view.xray);
+    stage.request();
+  });
+  const number = find("number"), fps = find("fps");
+  Object.assign(number, { min: clip.ends[0], max: clip.ends[1], step: clip.step });
+  on(number, "change", () => {
+    if (Number.isFinite(number.valueAsNumber)) goTo(clip.frameOf(number.valueAsNumber));
+    number.value = stage.number;
+  });
+  on(fps, "change", () => {
+    if (fps.valueAsNumber > 0) transport.fps = min(fps.valueAsNumber, MAX_FPS);
+    fps.value = transport.fps;
+  });
+  fps.value = ROUND(transport.fps);
+  stage.fold = (isFolded) => {
     section.classList.toggle("folded", isFolded);
     find("fold").setAttribute("aria-expanded", !isFolded);
   };
-  on(find("fold"), "click", () => fold(!section.classList.contains("folded")));
-  fold(section.clientWidth < NARROW);
+  on(find("fold"), "click", () => stage.fold(!section.classList.contains("folded")));
+  stage.fold(stage.isNarrow);
   for (const button of find("jumps").children) on(button, "click", () => goTo(Number(button.dataset.jump)));
   const face = (row) => faceTwice(camera, camera.upright[row]);
   const keys = {
@@ -34,20 +54,42 @@ function makeControls(stage) {
     Home: () => goTo(0), End: () => goTo(last), PageUp: () => goTo(transport.frame - 10), PageDown: () => goTo(transport.frame + 10),
     "+": () => camera.zoom(0.8), "=": () => camera.zoom(0.8), "-": () => camera.zoom(1.25),
     n: () => find("fold").click(), c: () => find("cage").click(), f: () => stage.frameChosen(), "?": clicks.help,
-    1: () => face(FRONT), 3: () => face(SIDE), 7: () => face(TOP), w: () => { if (clip.focus) stage.frameWorst(); }, r: clicks.reset,
+    0: clicks.reset, 1: () => face(FRONT), 3: () => face(SIDE), 7: () => face(TOP), w: () => { if (clip.focus) stage.frameWorst(); }, x: () => find("xray").click(),
   };
   const arrows = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
-  // In a window of its own the keys also act while nothing has the focus.
-  const isWindow = section.classList.contains("app");
-  on(isWindow ? document : stage.canvas, "keydown", (event) => {
-    const key = event.key.toLowerCase(), isCommand = event.ctrlKey || event.metaKey;
-    // Texts that are typed have an undo of their own.
-    if (isCommand && "zy".includes(key) && !event.target.matches("input")) {
+  // In a window of its own the keys act wherever the focus is, on a page where it is in the player.
+  const isWindow = section.classList.contains("app"), dialog = section.querySelector("dialog");
+  let isByKey = false;
+  on(document, "keydown", (event) => { isByKey ||= event.key === "Tab"; }, true);
+  on(document, "pointerdown", () => { isByKey = false; }, true);
+  const returnFocus = () => stage.canvas.focus({ preventScroll: true });
+  // What was clicked with a pointer does not keep the keys.
+  if (isWindow) for (const kind of ["click", "change"]) on(section, kind, ({ target, detail }) => {
+    const control = target.closest("button, summary, select, input:not([type=file], [type=range])");
+    if (isByKey || dialog.open || !control || control.matches(TEXT_FIELDS) || (kind === "click" && (!detail || control.matches("select")))) return;
+    returnFocus();
+  });
+  on(isWindow ? document : section, "keydown", (event) => {
+    const key = event.key.toLowerCase(), isCommand = event.ctrlKey || event.metaKey, { target } = event, isOf = (texts) => target.matches?.(texts);
+    if (dialog.open) return;
+    // Texts that are typed have an undo of their own; Enter and Escape leave them.
+    if (isOf(TEXT_FIELDS)) {
+      if (!isByKey && (event.key === "Enter" || event.key === "Escape")) returnFocus();
+      return;
+    }
+    const { transform } = stage.modes;
+    if (transform) {
+      if (transform.press(event)) event.preventDefault();
+      stage.request();
+      return;
+    }
+    if (isCommand && "zy".includes(key)) {
       event.preventDefault();
       // Not by the button, which is as it was drawn last.
       stage.travel?.(event.shiftKey || key === "y" ? "redo" : "undo");
+      return;
     }
-    if (![stage.canvas, document.body].includes(event.target)) return;
+    if ((isByKey || isOf("[type=range]")) && OWN_KEYS[target.tagName]?.test(event.key)) return;
     if (stage.modes.active.press?.(event)) { event.preventDefault(); stage.request(); return; }
     if (isCommand || event.altKey) return;
     const arrow = arrows[event.key], action = keys[event.key];
@@ -73,6 +115,7 @@ function makeControls(stage) {
     if (state === shown) return;
     shown = state;
     slider.value = transport.frame;
+    if (number !== document.activeElement || transport.isPlaying) number.value = stage.number;
     slider.setAttribute("aria-valuetext", describe());
     play.textContent = transport.isPlaying ? "Pause" : "Play";
     text.textContent = clip.isClip ? describe() : "";
@@ -83,9 +126,23 @@ function makeControls(stage) {
   });
 }
 
+// Shows the title of what Tab has gone to; pointers see it by themselves.
+/** @param {Stage} stage */
+function makeTips(stage) {
+  const { section } = stage, tip = stage.find("tip"), hide = () => { tip.hidden = true; };
+  on(section, "focusin", ({ target }) => {
+    tip.hidden = !target.title || !target.matches(":focus-visible") || target.matches("[type=range]");
+    if (tip.hidden) return;
+    tip.textContent = target.title;
+    const box = target.getBoundingClientRect(), below = box.bottom + 8, { width, height } = tip.getBoundingClientRect();
+    Object.assign(tip.style, { left: `${max(4, min(box.left, innerWidth - width - 4))}px`, top: `${below + height > innerHeight ? box.top - height - 8 : below}px` });
+  });
+  for (const kind of ["focusout", "pointerdown", "keydown", "scroll"]) on(section, kind, hide, true);
+}
+
 const makeElement = (tag, values) => Object.assign(document.createElement(tag), values);
 
-const makeButton = (textContent, onclick) => makeElement("button", { type: "button", textContent, onclick });
+const makeButton = (textContent, onclick, title = "") => makeElement("button", { type: "button", textContent, title, onclick });
 
 // What the colours of the picture mean: from `low` (0, unless it is given) to `end`, in a unit.
 function showScale(figure, { low = 0, end, unit = "% of the diagonal", shown }, colours, what) {

@@ -59,6 +59,13 @@ class Editor extends Past {
     this.refresh();
   }
 
+  // Ends a drag, and puts back what it began with.
+  cancel() {
+    const { before } = this;
+    Object.assign(this, { isDragging: false, before: null });
+    if (before) this.restore(before);
+  }
+
   // Computes again what depends on the file.
   refresh() {
     this.cages = new Map();
@@ -249,8 +256,8 @@ class Editor extends Past {
     if (!isPlaying && this.handle) renderer.drawLines(this.ring, BLUE);
     this.set.handles.forEach(({ pin }, k) => {
       const [size, rim] = k === this.selected ? [15, BLACK] : [12, WHITE];
-      if (pin) renderer.drawSquares(anchors[k], [0.1, 0.45, 0.3, 1], size, rim);
-      else renderer.drawDots(anchors[k], RED, size, rim);
+      if (pin) renderer.drawSquares(anchors[k], [0.1, 0.45, 0.3, 1], size, rim, true);
+      else renderer.drawDots(anchors[k], RED, size, rim, true);
     });
   }
 }

@@ -5,11 +5,25 @@ const SNAP_PIXELS = 7;
 function makeHandles(stage) {
   const editor = stage.editor = stage.history = new Editor(stage), { clip, transport } = stage;
   const panel = new Panel(stage, "pose", "", editor);
-  let tool = "move", move = null, pull = null;
+  let tool = "move", grip = null, pull = null;
   stage.travel = (name) => panel.act(() => editor[name]());
 
-  const hit = (x, y, event) => nearestPoint(stage.camera, editor.anchors, x, y, event);
-  const pick = (x, y) => tool === "move" ? null : pickSurface(stage, x, y);
+  const hit = (x, y, event) => nearestSeen(stage, editor.anchors, x, y, event);
+  // Where a click would add one: a vertex that is near, else the point of the face.
+  const pick = (x, y) => {
+    const found = tool === "move" ? null : pickSurface(stage, x, y);
+    if (!found) return null;
+    const { vertex, face, shares, pixels, near } = found, isVertex = clip.arrays.vertices || pixels < SNAP_PIXELS;
+    return { ...found, place: isVertex ? { vertex } : { face, barycentric: shares }, point: isVertex ? pointOf(stage.positions, near) : placeOn(stage.positions, found) };
+  };
+  const begin = (values) => {
+    const { target } = editor.places[editor.selected], { value } = panel.find("axis");
+    return stage.modes.begin({
+      kind: "g", kinds: "g", axis: AXES[value] ? value : "", pivot: target, ...values,
+      apply: (transform) => editor.drag(() => editor.aim(add(target, transform.displace(target, 1)))),
+      end: (isKept) => isKept ? editor.drop() : editor.cancel(),
+    });
+  };
   stage.modes.add({
     name: "pose",
     grab(x, y, event) {
@@ -19,24 +33,25 @@ function makeHandles(stage) {
       if (k < 0) return false;
       editor.select(k);
       if (!(editor.motion in TRACKS)) return false;
-      const { target } = editor.places[k], follow = followPointer(stage.camera, x, y, target, AXES[panel.find("axis").value]);
-      move = (u, v) => add(target, follow(u, v));
+      grip = begin({ start: [x, y] });
       return true;
     },
-    drag: (x, y) => editor.drag(() => pull ? pull(x, y) : editor.aim(move(x, y))),
-    drop: () => editor.drop(),
+    drag: (x, y) => { if (pull) editor.drag(() => pull(x, y)); else grip.move(x, y); },
+    drop: () => { if (pull) editor.drop(); else grip.finish(true); },
     click(x, y, event) {
       const k = hit(x, y, event), found = k < 0 && pick(x, y);
       if (!found) { editor.select(k); return; }
-      const { vertex, face, shares, pixels } = found, isVertex = clip.arrays.vertices || pixels < SNAP_PIXELS;
-      editor.add(isVertex ? { vertex } : { face, barycentric: shares }, tool);
+      editor.add(found.place, tool);
     },
-    hover(x, y) {
-      const found = pick(x, y);
-      stage.modes.say(found ? describePlace(found) : "");
+    hover(x, y, event) {
+      const k = hit(x, y, event), found = k < 0 ? pick(x, y) : null, handle = editor.set.handles[k];
+      if (handle) return { text: handle.name, cursor: motionOf(handle) in TRACKS ? "move" : "pointer", kind: "ring", points: [editor.anchors[k]] };
+      if (!found && hitRing(stage, x, y, event)) return { text: "radius: drag it over the surface", cursor: "ew-resize" };
+      return found ? { text: describePlace(found), cursor: "crosshair", kind: `ghost ${tool}`, points: [found.point] } : { text: "" };
     },
     press(event) {
       if (event.key === "Delete") editor.remove();
+      else if (event.key.toLowerCase() === "g" && editor.motion in TRACKS && !event.ctrlKey && !event.metaKey) begin();
       else if (event.key === "Escape") editor.select(-1);
       else return false;
       return true;
@@ -95,11 +110,15 @@ function makeHandles(stage) {
   stage.listeners.push(() => showHandles(panel, stage));
 }
 
+function hitRing({ editor, camera }, x, y, event) {
+  const points = editor.ring;
+  return nearestPoint(camera, listOf(points.length / 3, (k) => points.slice(3 * k, 3 * k + 3)), x, y, event) >= 0;
+}
+
 // Drags the ring of the selected handle to another place of the surface, which is its new radius.
 function grabRing(stage, x, y, event) {
-  const { editor, camera, clip } = stage, { reach, handle } = editor;
-  const points = editor.ring, places = listOf(points.length / 3, (k) => points.slice(3 * k, 3 * k + 3));
-  if (nearestPoint(camera, places, x, y, event) < 0) return null;
+  const { editor, clip } = stage, { reach, handle } = editor;
+  if (!hitRing(stage, x, y, event)) return null;
   const { away } = editor.surface.measure(editor.layer.anchors[reach.k], Infinity);
   return (u, v) => {
     const found = pickSurface(stage, u, v);
@@ -118,7 +137,7 @@ function showHandles(panel, { editor, clip, number, moved }) {
     list.dataset.state = state;
     list.replaceChildren(...set.handles.map((one, k) => {
       const place = one.vertex === undefined ? `face ${one.face}, ${one.barycentric.join(", ")}` : `vertex ${one.vertex}`;
-      const item = makeElement("li"), button = makeButton(`${one.name}: ${place}`, () => editor.select(k));
+      const item = makeElement("li"), button = makeButton(`${one.name}: ${place}`, () => editor.select(k), "Choose this handle.");
       button.setAttribute("aria-pressed", k === editor.selected);
       item.append(button);
       return item;

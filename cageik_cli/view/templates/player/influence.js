@@ -40,8 +40,7 @@ class Influence {
   clear() { Object.assign(this, { vertex: -1, place: null, row: null }); }
 
   get position() {
-    const { corners, shares } = this.place;
-    return corners.reduce((sum, vertex, k) => add(sum, scale(pointOf(this.stage.positions, vertex), shares[k])), [0, 0, 0]);
+    return placeOn(this.stage.positions, this.place);
   }
 
   // Fills the places of the vertices on a ramp; returns it, and what its scale says.
@@ -73,7 +72,7 @@ function makeInfluence(stage) {
     list.replaceChildren(...listed.map(({ vertex: one, weight }) => {
       const item = makeElement("li"), bar = makeElement("i", { className: weight < 0 ? "less" : "" });
       bar.style.width = `${100 * abs(weight / listed[0].weight)}%`;
-      item.append(makeButton(`cage vertex ${one}: ${writeWeight(weight)}`, () => choose(one)), bar);
+      item.append(makeButton(`cage vertex ${one}: ${writeWeight(weight)}`, () => choose(one), "Show what this cage vertex moves."), bar);
       return item;
     }));
     stage.request(true);
@@ -97,8 +96,12 @@ function makeInfluence(stage) {
   stage.listeners.push(() => { if (told.complaint) stage.modes.say(told.complaint); });
   stage.modes.add({
     name: "influence",
+    hover(x, y, event) {
+      const vertex = nearestSeen(stage, listPoints(stage.cage), x, y, event);
+      return vertex < 0 ? { cursor: "crosshair" } : { cursor: "pointer", kind: "ring", points: [pointOf(stage.cage, vertex)] };
+    },
     click(x, y, event) {
-      const vertex = nearestPoint(stage.camera, listPoints(stage.cage), x, y, event), place = vertex < 0 ? pickSurface(stage, x, y) : null;
+      const vertex = nearestSeen(stage, listPoints(stage.cage), x, y, event), place = vertex < 0 ? pickSurface(stage, x, y) : null;
       told.complaint = "";
       stage.modes.say("");
       if (vertex >= 0) choose(vertex);

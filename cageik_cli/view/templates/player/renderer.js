@@ -10,7 +10,7 @@ void main() { gl_Position = toClip * vec4(position, 1.0); facing = normal; level
 const MESH_FRAGMENT = `#version 300 es
 precision highp float;
 uniform vec3 ramp[9], missing, light, eye;
-uniform float tinted;
+uniform float tinted, opacity;
 in vec3 facing, hue;
 in float level;
 out vec4 colour;
@@ -21,17 +21,18 @@ void main() {
   paint = mix(paint, hue, tinted);
   vec3 n = normalize(facing) * (gl_FrontFacing ? 1.0 : -1.0);
   float shade = 0.38 + 0.50 * max(dot(n, light), 0.0) + 0.18 * max(dot(n, eye), 0.0);
-  colour = vec4(paint * shade, 1.0);
+  colour = vec4(paint * shade, opacity);
 }`;
 
-// Of marks, and of the ground, which is moved by `offset`; what is not set is zero.
+// Of marks, which are lifted toward the eye by a share, and of the ground, which is moved by `offset`; what is not set is zero.
 const MARK_VERTEX = `#version 300 es
 uniform mat4 toClip;
 uniform vec3 offset;
+uniform vec4 lift;
 uniform float size;
 in vec3 position;
 out vec3 place;
-void main() { place = position + offset; gl_Position = toClip * vec4(place, 1.0); gl_PointSize = size; }`;
+void main() { place = position + offset; gl_Position = toClip * vec4(mix(place, lift.xyz, lift.w), 1.0); gl_PointSize = size; }`;
 
 const GRID_FRAGMENT = `#version 300 es
 precision highp float;
@@ -136,9 +137,9 @@ class Renderer {
   }
 
   // Begins a part of the picture, which a matrix projects to; sizes of marks are in `pixels`.
-  begin({ left, width, height, ground, toClip, pixels }) {
+  begin({ left, width, height, ground, toClip, pixels, isSolid, lift }) {
     const gl = this.gl;
-    Object.assign(this, { toClip, pixels });
+    Object.assign(this, { toClip, pixels, isSolid, lift });
     gl.viewport(left, 0, width, height);
     gl.scissor(left, 0, width, height);
     gl.enable(gl.SCISSOR_TEST);
@@ -155,6 +156,14 @@ class Renderer {
     gl.enable(gl.POLYGON_OFFSET_FILL);
     gl.polygonOffset(1, 1);
     names.forEach((name, place) => this.attach(place, name, place === 2 ? 1 : 3));
+    if (uniforms.opacity < 1) {
+      // Of what is seen through, too, only the front is drawn.
+      gl.colorMask(false, false, false, false);
+      this.drawIndices(gl.TRIANGLES, "faces");
+      gl.colorMask(true, true, true, true);
+      gl.depthFunc(gl.LEQUAL);
+      gl.enable(gl.BLEND);
+    }
     this.drawIndices(gl.TRIANGLES, "faces");
     gl.disable(gl.POLYGON_OFFSET_FILL);
   }
@@ -172,8 +181,8 @@ class Renderer {
     gl.depthMask(true);
   }
 
-  useMarks(name, { paint, rim = paint, shape = 0, size = 1 }) {
-    this.use(this.mark, { paint, rim, shape, size: size * this.pixels });
+  useMarks(name, { paint, rim = paint, shape = 0, size = 1, lift = [0, 0, 0, 0] }) {
+    this.use(this.mark, { paint, rim, shape, size: size * this.pixels, lift });
     this.gl.enable(this.gl.BLEND);
     this.attach(0, name, 3);
   }
@@ -186,10 +195,10 @@ class Renderer {
     this.drawIndices(gl.LINES, "edges");
   }
 
-  // The cage: clear before surfaces, faint behind them.
+  // The cage: clear before surfaces, faint behind them, unless they are seen through.
   drawCage(colour) {
     const gl = this.gl;
-    for (const [order, opacity] of [[gl.GREATER, 0.22], [gl.LEQUAL, 0.95]]) {
+    for (const [order, opacity] of [[gl.GREATER, this.isSolid ? 0.22 : 0.6], [gl.LEQUAL, 0.95]]) {
       const paint = [...colour, opacity];
       gl.depthFunc(order);
       gl.depthMask(order === gl.LEQUAL);
@@ -206,20 +215,24 @@ class Renderer {
     this.upload("cage", Float32Array.from(cage));
   }
 
-  // Marks on top of everything, which are given as a list of coordinates.
-  drawMarks(kind, points, style) {
+  // Marks on top of everything, which are given as a list of coordinates. Those that the surface hides are faint behind it.
+  drawMarks(kind, points, { isHidden = false, paint, rim = paint, ...style }) {
     if (!points.length) return;
-    const gl = this.gl;
+    const gl = this.gl, isFaint = isHidden && this.isSolid;
     this.upload("marks", Float32Array.from(points));
-    gl.disable(gl.DEPTH_TEST);
-    this.useMarks("marks", style);
-    gl.drawArrays(kind, 0, points.length / 3);
-    gl.enable(gl.DEPTH_TEST);
+    gl.depthMask(false);
+    for (const [order, opacity] of isFaint ? [[gl.GREATER, 0.22], [gl.LEQUAL, 1]] : [[gl.ALWAYS, 1]]) {
+      const fade = ([r, g, b, a]) => [r, g, b, a * opacity];
+      gl.depthFunc(order);
+      this.useMarks("marks", { ...style, paint: fade(paint), rim: fade(rim), lift: isFaint ? this.lift : [0, 0, 0, 0] });
+      gl.drawArrays(kind, 0, points.length / 3);
+    }
+    gl.depthMask(true);
   }
 
-  drawDots(points, paint, size, rim = WHITE) { this.drawMarks(this.gl.POINTS, points, { paint, rim, size, shape: 1 }); }
+  drawDots(points, paint, size, rim = WHITE, isHidden = false) { this.drawMarks(this.gl.POINTS, points, { paint, rim, size, shape: 1, isHidden }); }
 
-  drawSquares(points, paint, size, rim = WHITE) { this.drawMarks(this.gl.POINTS, points, { paint, rim, size, shape: 2 }); }
+  drawSquares(points, paint, size, rim = WHITE, isHidden = false) { this.drawMarks(this.gl.POINTS, points, { paint, rim, size, shape: 2, isHidden }); }
 
   // Lines between pairs of points.
   drawLines(points, paint) { this.drawMarks(this.gl.LINES, points, { paint }); }

@@ -432,7 +432,7 @@ function showRest(panel, { service, stage, findings, goTo, picked, trial, solved
     // Where the panel is folded, as on a phone, the picture says it.
     if (isChecked) stage.modes.say(`check: ${[service.verdict.verdict_word, ...findings.slice(0, 1).map(({ kind: fault }) => fault.replaceAll("-", " "))].join(", ")}`);
     list.replaceChildren(...findings.map((found) => {
-      const item = makeElement("li"), button = makeButton("", () => { goTo(found); stage.request(true); });
+      const item = makeElement("li"), button = makeButton("", () => { goTo(found); stage.request(true); }, "Look at this finding.");
       button.append(makeElement("strong", { textContent: found.severity }), ` ${found.sentence}`);
       button.setAttribute("aria-pressed", found === picked);
       item.append(button);

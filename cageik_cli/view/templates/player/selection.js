@@ -3,20 +3,25 @@ const REACH_PIXELS = 14, TOUCH_REACH_PIXELS = 28, SAME_PLACE_PIXELS = 4;
 const CHOSEN_PAINT = [0.95, 0.5, 0.05, 1];
 const AXES = { x: [1, 0, 0], y: [0, 1, 0], z: [0, 0, 1] };
 
-// The nearest of things to the pointer by their pixels away at a depth; of those about as near, the one in front; -1 for none.
-function nearestOf(things, event) {
+// The nearest of things to the pointer by their pixels away at a depth, of those that are seen; of those about as near, the one
+// in front; -1 for none.
+function nearestOf(things, event, isSeen = (_) => true) {
   const reach = event?.pointerType === "touch" ? TOUCH_REACH_PIXELS : REACH_PIXELS;
-  const near = things.filter(({ away, depth }) => away <= reach && depth > 0), least = min(...near.map(({ away }) => away));
+  const near = things.filter(({ away, depth, k }) => away <= reach && depth > 0 && isSeen(k)), least = min(...near.map(({ away }) => away));
   return near.filter(({ away }) => away <= least + SAME_PLACE_PIXELS).sort((a, b) => a.depth - b.depth)[0]?.k ?? -1;
 }
 
-/** @param {Camera} camera @param {number[][]} points @param {number} x @param {number} y @param {PointerEvent} [event] */
-function nearestPoint(camera, points, x, y, event) {
+/** @param {Camera} camera @param {number[][]} points @param {number} x @param {number} y @param {PointerEvent} [event] @param {(k: number) => boolean} [isSeen] */
+function nearestPoint(camera, points, x, y, event, isSeen) {
   return nearestOf(points.map((point, k) => {
     const [u, v, depth] = camera.project(point);
     return { k, away: hypot(u - x, v - y), depth };
-  }), event);
+  }), event, isSeen);
 }
+
+// The nearest of points that the model does not hide.
+/** @param {Stage} stage @param {number[][]} points @param {number} x @param {number} y @param {PointerEvent} [event] */
+function nearestSeen(stage, points, x, y, event) { return nearestPoint(stage.camera, points, x, y, event, (k) => stage.isSeen(points[k])); }
 
 // The nearest of segments, each of two points.
 /** @param {Camera} camera @param {number[][][]} segments @param {number} x @param {number} y @param {PointerEvent} [event] */

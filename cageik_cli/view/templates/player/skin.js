@@ -106,7 +106,7 @@ class Skin {
       const depth = (vx * qx + vy * qy + vz * qz) / size;
       if (depth > 0 && depth < best) {
         best = depth;
-        found = { face: k / 3, corners: [f[k], f[k + 1], f[k + 2]], barycentric: [1 - s - t, s, t] };
+        found = { depth, face: k / 3, corners: [f[k], f[k + 1], f[k + 2]], barycentric: [1 - s - t, s, t] };
       }
     }
     return found;

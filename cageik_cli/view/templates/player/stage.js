@@ -4,6 +4,9 @@ const TIMED_FRAMES = 120, TELL_EVERY = 200, FIRST_TURN = 32, FIRST_TILT = 14;
 // Half the size of what F shows of a single point, in diagonals; cells of the ground on each side.
 const CLOSE_RADIUS = 0.08, GRID_CELLS = 60;
 
+// How far behind the surface a point is still taken to be on it, in diagonals: marks are as thick.
+const SURFACE_DEPTH = 0.012;
+
 // What other pages add to the player: functions of its stage.
 const extensions = [];
 
@@ -19,7 +22,7 @@ class Stage {
     this.camera = new Camera(this.clip.up);
     this.transport = new Transport(this.clip.count, this.clip.fps);
     for (const name of ["positions", "input", "normals"]) this[name] = new Float32Array(payload.arrays.lack.length);
-    this.view = { show: "model", colours: "clay", cage: true, edges: false, grid: true, follow: travels(this.clip) };
+    this.view = { show: "model", colours: "clay", cage: true, edges: false, grid: true, xray: false, follow: travels(this.clip) };
     Object.assign(this, { editor: null, listeners: [], timings: { solve: [], skin: [], normals: [], draw: [], frames: [] }, isStale: true, toldAt: 0 });
     this.reset();
     new ResizeObserver(() => this.resize()).observe(canvas);
@@ -47,6 +50,8 @@ class Stage {
       for (const listener of this.listeners) listener();
     }
     if (this.transport.isPlaying) this.request();
+    // What is below the pointer may be another thing now.
+    if (this.modes?.pointer) this.modes.hover(this.modes.pointer);
   }
 
   // Does something, and notes how many milliseconds it takes.
@@ -66,6 +71,9 @@ class Stage {
 
   // Whether the input is shown beside the reconstruction.
   get isSplit() { return this.view.show === "both" && this.hasInput; }
+
+  // Whether the panel is a sheet below the picture.
+  get isNarrow() { return this.section.clientWidth <= NARROW; }
 
   get isMoving() { return this.transport.isPlaying || this.modes?.isDragging; }
 
@@ -142,17 +150,18 @@ class Stage {
 
   drawPart(left, width, height, isInput) {
     const { renderer, camera, colours, view } = this, [right, up, back] = camera.axes();
-    renderer.begin({ left, width, height, ground: this.ground, toClip: camera.matrix(), pixels: this.ratio });
+    renderer.begin({ left, width, height, ground: this.ground, toClip: camera.matrix(), pixels: this.ratio, isSolid: this.isSolid, lift: [...camera.eye(), SURFACE_DEPTH / camera.distance] });
     if (view.grid) this.drawGrid();
     const light = normalize(add(add(back, scale(up, 0.8)), scale(right, -0.5)));
     const drawMesh = (names, ramp) => {
-      renderer.drawMesh(names, { missing: colours.missing, light, eye: back, ramp, tinted: Number(names.length > 3) });
+      renderer.drawMesh(names, { missing: colours.missing, opacity: view.xray ? 0.45 : 1, light, eye: back, ramp, tinted: Number(names.length > 3) });
       if (view.edges) renderer.drawEdges(names[0]);
     };
     if (isInput) { drawMesh(["inputPositions", "inputNormals", "zeros"], PLAIN.input); return; }
     if (view.show !== "cage") drawMesh(["positions", "normals", "values", ...this.scale.isTinted ? ["tints"] : []], this.scale.ramp);
     if (view.cage || view.show === "cage") renderer.drawCage(this.cageColour());
     this.modes?.active.draw?.(renderer);
+    this.modes?.transform?.draw(renderer);
   }
 
   // The ground, at the lowest point of the clip.
@@ -167,6 +176,17 @@ class Stage {
   }
 
   cageColour() { return DARK.matches ? [0.44, 0.66, 1] : [0.12, 0.44, 0.82]; }
+
+  // Whether the model hides what is behind it.
+  get isSolid() { return !this.view.xray && this.view.show !== "cage"; }
+
+  // Whether a point is not behind the surface.
+  isSeen(point) {
+    if (!this.isSolid) return true;
+    const origin = this.camera.eye(), away = minus(point, origin), distance = norm(away);
+    const found = this.skin.pick(this.positions, { origin, direction: scale(away, 1 / distance) });
+    return !found || found.depth > distance - SURFACE_DEPTH;
+  }
 
   // Where a pixel of the picture is in the part of it that shows the model.
   partOf(x) {
@@ -183,8 +203,9 @@ class Stage {
     const { camera } = this;
     if (this.isStale) this.compute();
     this.sizeCamera();
-    const { height } = camera, share = min(1, height / 500);
-    camera.fit(this.view.show === "cage" ? this.cage : this.positions, { top: 54 * share, bottom: 26 * share, side: 14 });
+    // Below the buttons over the picture.
+    const top = this.find("modes").offsetHeight + 22, bottom = 26 * min(1, camera.height / 500);
+    camera.fit(this.view.show === "cage" ? this.cage : this.positions, { top, bottom, side: 14 });
     this.fitted = [camera.target, camera.distance];
     this.request();
   }

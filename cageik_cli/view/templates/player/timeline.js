@@ -1,6 +1,18 @@
 // The bar of time: the frames and keys of edits. Errors of frames are part of the page (view/player/section.py).
 class Timeline {
-  constructor(stage) { Object.assign(this, { strip: stage.find("strip"), ends: stage.clip.ends, marks: {} }); }
+  /** @param {Stage} stage */
+  constructor(stage) {
+    const { clip } = stage, bubble = stage.find("bubble"), slider = stage.find("time");
+    Object.assign(this, { strip: stage.find("strip"), ends: clip.ends, marks: {} });
+    // The number of the frame below the pointer.
+    on(slider, "pointermove", ({ clientX }) => {
+      const { left, width } = this.strip.getBoundingClientRect(), frame = clamp(round((clientX - left) / width * (clip.count - 1)), 0, clip.count - 1);
+      bubble.textContent = clip.numberOf(frame);
+      bubble.style.left = `${100 * frame / (clip.count - 1 || 1)}%`;
+      bubble.hidden = false;
+    });
+    for (const kind of ["pointerleave", "pointercancel"]) on(slider, kind, () => { bubble.hidden = true; });
+  }
 
   // Draws where an edit of some kind holds: its first and last frame, the frames over which it fades,
   // and its keys, all as numbers of frames. Without a range nothing is drawn.
