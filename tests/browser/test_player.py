@@ -121,7 +121,7 @@ def test_keys_on_the_picture_play_step_and_turn(play):
     assert after["tilt"] < before["tilt"]
     assert after["distance"] < before["distance"]
     assert after["target"] != before["target"]
-    page.keyboard.press("r")
+    page.keyboard.press("0")
     assert camera_of(page)["turn"] == before["turn"]
 
 

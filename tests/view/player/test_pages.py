@@ -73,6 +73,24 @@ def test_the_script_is_small(report, page):
     assert 10_000 < own <= MAX_SCRIPT_BYTES
 
 
+def list_without_tooltip(text):
+    """List the controls of a page that do not say in a sentence what they do."""
+    controls = re.findall(r"<(?:button|input|select)\b[^>]*>", text.split("<script")[0])
+    assert len(controls) > 30
+    return [one for one in controls if not re.search(r' title="[A-Z][^"]*[^".]\."', one)]
+
+
+def test_every_control_has_a_tooltip(clip):
+    cage = json.dumps({"vertices": [], "polygons": [], "most": 0})
+    for page in (render_view_page(clip, "apply"), render_rest_cage_page(clip, "apply", cage)):
+        whole = page[page.index('id="player"') :]
+        keys = whole[whole.index("<dialog") : whole.index("</dialog>")]
+        assert list_without_tooltip(whole[: whole.index("<dialog")]) == []
+        assert re.findall(r"<button[^>]*>", keys) == ['<button title="Close this list (Escape).">']
+    broken = whole.replace(' title="Play or pause the clip (Space)."', ' title="Play"')
+    assert len(list_without_tooltip(broken)) == 1
+
+
 def test_the_scripts_of_pages_of_view_are_small(report, clip):
     edited = json.dumps({"vertices": [], "polygons": [], "most": 0})
     common = measure_script(render_page(report))

@@ -18,6 +18,7 @@ async function startPlayer(section) {
   }
   listenToPointers(stage);
   makeControls(stage);
+  makeTips(stage);
   makeAxes(stage);
   makeParts(stage);
   for (const extend of extensions) extend(stage);
