@@ -51,7 +51,7 @@ def walk_through(page: Page) -> None:
     """Follow the steps of the walkthrough."""
     page.evaluate("window.cageikPlayer.then((player) => Boolean(window.P = player))")
     go(page, SHOWN - 1)  # the first frame is number 1
-    page.locator("#player canvas").press("r")
+    page.locator("#player canvas").press("0")
     shoot(page, "view_open.webp")
     page.get_by_role("button", name="Pose", exact=True).click()
     for vertex in BODY:
