@@ -140,7 +140,9 @@ def test_more_than_a_whole_turn_counts(edit):
     press(page, "r")
     for angle in np.radians(np.arange(20, 451, 20)):
         page.mouse.move(x + 80 * np.cos(angle), y - 80 * np.sin(angle))
-    settle(page)
+    page.wait_for_function(
+        "() => document.querySelector('[data-under]').textContent.startsWith('Rotate: 440')"
+    )
     text = page.text_content("[data-under]")
     assert float(text.split(": ")[1].split("°")[0]) == pytest.approx(440, abs=2)
     press(page, "Escape")

@@ -128,6 +128,7 @@ interface Stage {
   history?: Past;
   travel?: (way: string) => void;
   fold: (isFolded: boolean) => void;
+  later?: number | null;
   cages: any;
   modes: Modes;
   timeline: Timeline;

@@ -80,6 +80,7 @@ function makeControls(stage) {
     const { transform } = stage.modes;
     if (transform) {
       if (transform.press(event)) event.preventDefault();
+      stage.modes.describe();
       stage.request();
       return;
     }

@@ -14,6 +14,7 @@ const TRANSFORM_HINT = "X Y Z: along an axis; numbers; Enter or a click keeps it
 class Modes {
   constructor(stage) {
     Object.assign(this, { stage, list: [], active: {}, isDragging: false, transform: null, pointer: null, highlight: stage.find("highlight") });
+    stage.listeners.push(() => this.describe());
   }
 
   /** @param {Mode} mode */
@@ -54,13 +55,13 @@ class Modes {
     const { stage, pointer } = this, start = pointer && [stage.partOf(pointer[0]), pointer[1]];
     this.transform?.finish(true);
     stage.transport.play(false);
+    stage.history.complaint = "";
     this.transform = new Transform(stage, {
       start,
       ...values,
       apply: (transform) => {
         this.isDragging = true;
         apply(transform);
-        this.say(stage.history.complaint || `${transform.text} (${TRANSFORM_HINT})`);
       },
       end: (isKept) => {
         this.transform = null;
@@ -70,10 +71,13 @@ class Modes {
         stage.request();
       },
     });
-    if (!values.start) this.say(`${this.transform.text} (${TRANSFORM_HINT})`);
+    if (!values.start) this.describe();
     this.hover(pointer);
     return this.transform;
   }
+
+  // Says what a transform does.
+  describe() { if (this.transform) this.say(this.stage.history.complaint || `${this.transform.text} (${TRANSFORM_HINT})`); }
 
   // Shows what is under a pixel of the canvas: says and highlights it, and sets the cursor. Without a pixel nothing is.
   hover(pointer = null) {

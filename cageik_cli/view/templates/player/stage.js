@@ -48,7 +48,7 @@ class Stage {
     if (!this.isMoving || now - this.toldAt > TELL_EVERY) {
       this.toldAt = now;
       for (const listener of this.listeners) listener();
-    }
+    } else this.later ??= setTimeout(() => { this.later = null; this.request(); }, TELL_EVERY);
     if (this.transport.isPlaying) this.request();
     // What is below the pointer may be another thing now.
     if (this.modes?.pointer) this.modes.hover(this.modes.pointer);
