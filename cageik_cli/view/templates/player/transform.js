@@ -97,8 +97,8 @@ class Transform {
   // What it does, in words.
   get text() {
     const { kind, axis, typed, stage: { clip } } = this, along = axis ? ` ${kind === "r" ? "around" : "along"} ${axis}` : "";
-    const found = kind === "g" ? `${ROUND3(norm(this.moved) * clip.diagonal)}` : kind === "r" ? `${ROUND3(this.turned.angle / DEGREE)}°` : `${ROUND3(this.factor)}`;
-    return `${TRANSFORM_KEYS[kind]}${along}: ${typed ? `${typed}_` : found}`;
+    const found = ROUND3(kind === "g" ? norm(this.moved) * clip.diagonal : kind === "r" ? this.turned.angle / DEGREE : this.factor);
+    return `${TRANSFORM_KEYS[kind]}${along}: ${typed ? typed + "_" : found}${kind === "r" && !typed ? "°" : ""}`;
   }
 
   draw(renderer) {
