@@ -1,5 +1,6 @@
 """`cageik report`: the figures of results, and limits on them."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,6 +12,7 @@ from cageik_cli.cli.options import common_options, overwrite_option
 from cageik_cli.cli.options.group import OptionGroup, list_options
 from cageik_cli.cli.options.limits import LIMIT_OPTIONS, LimitOptions
 from cageik_cli.cli.output import (
+    LineLogger,
     append_step_summary,
     check_views,
     echo_exceeded_limits,
@@ -71,7 +73,7 @@ def report_command(
     from cageik_cli.store.result import read_animation
     from cageik_cli.view.report import choose_names, render_views
 
-    check_views(list(targets.named.values()), [*results, limits.baseline], overwrite)
+    _check_outputs(settings, [*results, limits.baseline])
     loaded_limits = limits.load()
     loaded = [read_animation(path) for path in results]
     names = choose_names(results)
@@ -100,6 +102,18 @@ def report_command(
     exit_with_code(overview)
 
 
+def _check_outputs(settings: ReportSettings, inputs: Sequence[Path | None]) -> None:
+    """Refuse outputs that cannot be written; a film may be files in a folder."""
+    named, film, films = dict(settings.targets.named), settings.targets.film, []
+    if film is not None:
+        from cageik_cli.report.film.write import check_film_output, name_film_output
+
+        films = [name_film_output(named.pop("film"))]
+    check_views([*named.values()], inputs, settings.overwrite, films)
+    if film is not None:
+        check_film_output(film, settings.film_settings, settings.overwrite)
+
+
 def _write_film(
     path: Path | None,
     result: "StoredAnimation",
@@ -110,9 +124,9 @@ def _write_film(
     """Write the film, if one is asked for; return what it is in words."""
     if path is None:
         return ""
-    from cageik_cli.report.film.film import write_film
+    from cageik_cli.report.film.write import write_film
 
-    with show_progress(not quiet, None, overwrite) as progress:
+    with show_progress(not quiet, None, overwrite, LineLogger) as progress:
         plan = write_film(result, path, settings, overwrite, progress)
     width, height = settings.film_size
     pictures = format_count(plan.count, "picture")
@@ -135,7 +149,11 @@ def _list_written(targets: ReportTargets, film_words: str) -> list[str]:
 
     lines = []
     for name, path in targets.named.items():
-        if str(path) != "-":
-            facts = [format_bytes(path.stat().st_size), *([film_words] if name == "film" else [])]
-            lines.append(f"wrote {path} ({', '.join(facts)})")
+        if str(path) == "-":
+            continue
+        # Of a film of pictures, the name is a pattern.
+        files = [path] if path.exists() else [*path.parent.iterdir()]
+        size = format_bytes(sum(file.stat().st_size for file in files))
+        facts = [size, *([film_words] if name == "film" else [])]
+        lines.append(f"wrote {path} ({', '.join(facts)})")
     return lines

@@ -4,7 +4,7 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 
 from cageik_cli.inputs.settings import CommandSettings, declare_overwrite
-from cageik_cli.report.film.settings import FilmSettings
+from cageik_cli.report.film.settings import FILM_SUFFIXES, FilmSettings
 from cageik_cli.util.errors import SettingError
 from cageik_cli.util.messages import Hint, say
 from cageik_cli.util.settings import check_settings, declare_group, declare_setting
@@ -43,8 +43,8 @@ class ReportTargets:
     )
     film: Path | None = declare_setting(
         None,
-        "Draw a film of one result (.webp, .gif).",
-        suffixes=(".webp", ".gif"),
+        "Draw a film of one result (.webp, .gif, .mp4, .webm; DIR/NAME_####.png).",
+        suffixes=FILM_SUFFIXES,
         role="written",
     )
     no_player: bool = declare_setting(False, "Leave the player out of the page of --html.")

@@ -1,9 +1,10 @@
-"""Subprocesses that make calls, each one at a time, and that end with this process.
+"""Subprocesses that make calls, and programs of others; all end with this process.
 
-They are those of `multiprocessing`. Pools, of the standard library or of others, end no call that
-takes too long (before Python 3.14), and do not say how a process ended.
+Subprocesses make one call at a time. They are those of `multiprocessing`. Pools, of the standard
+library or of others, end no call that takes too long (before Python 3.14), and do not say how a
+process ended.
 
-Only the command line asks for processes: `sys.executable` may be no Python in a program that
+Only the command line asks for subprocesses: `sys.executable` may be no Python in a program that
 imports the package.
 """
 
@@ -11,7 +12,9 @@ import multiprocessing
 import os
 import pickle
 import signal
+import subprocess
 import sys
+import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -186,6 +189,81 @@ def call_in_subprocesses(
                     yield result
                     continue
             yield function(*pickle.loads(pickle.dumps(arguments)))
+
+
+class ProgramError(Exception):
+    """A program has failed; the text is how it ended, and its last words."""
+
+
+class Program:
+    """A program of others that takes data on its standard input, and is ended by `end`.
+
+    It prints nothing; the end of what it says on standard error is kept for `ProgramError`. When
+    this process is killed, its input ends.
+
+    Parameters
+    ----------
+    words : sequence of str
+        The path of the program, and its arguments; no shell reads them.
+
+    Raises
+    ------
+    OSError
+        When it cannot be started.
+    """
+
+    def __init__(self, words: Sequence[str]) -> None:
+        self._said = tempfile.TemporaryFile()  # noqa: SIM115
+        try:
+            self._process = subprocess.Popen(
+                words, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=self._said
+            )
+        except BaseException:
+            self._said.close()
+            raise
+
+    def __enter__(self) -> "Program":
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.end()
+
+    def feed(self, data: bytes) -> None:
+        """Write to its standard input; raises `ProgramError` when it has ended."""
+        assert self._process.stdin is not None
+        try:
+            self._process.stdin.write(data)
+        except OSError as error:  # a broken pipe; Windows says that its argument is invalid
+            raise self._describe_end() from error
+
+    def finish(self) -> None:
+        """End its input, and wait until it is done; raises `ProgramError` when it fails."""
+        assert self._process.stdin is not None
+        try:
+            self._process.stdin.close()
+        except OSError as error:
+            raise self._describe_end() from error
+        if self._process.wait() != 0:
+            raise self._describe_end()
+
+    def end(self) -> None:
+        """End it at once, whatever it does."""
+        self._process.kill()
+        self._process.wait()
+        assert self._process.stdin is not None
+        with suppress(OSError):  # what it has not taken
+            self._process.stdin.close()
+        self._said.close()
+
+    def _describe_end(self) -> ProgramError:
+        """Return how it ended, with the last lines that it said."""
+        kept = 2000  # bytes
+        code = self._process.wait()
+        self._said.seek(max(0, self._said.seek(0, os.SEEK_END) - kept))
+        lines = self._said.read().decode(errors="replace").split("\n")
+        said = "; ".join(line.strip() for line in lines if line.strip())
+        how = str(SubprocessError(code))
+        return ProgramError(f"{how}: {said}" if said else how)
 
 
 def limit_process(memory: int, seconds: int) -> None:

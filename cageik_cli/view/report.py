@@ -87,9 +87,22 @@ def report_to_files(
     for name, path in made.targets.named.items():
         if str(path) == "-":
             raise SettingError(Hint(name) + " is -, expected the name of a file")
-    check_no_overlap([*made.targets.named.values()], made.inputs())
-    for path in made.targets.named.values():
+    film = made.targets.film
+    outputs = [path for name, path in made.targets.named.items() if name != "film"]
+    films = []
+    if film is not None:
+        from cageik_cli.report.film.write import (  # slow: Pillow
+            check_film_output,
+            name_film_output,
+            write_film,
+        )
+
+        films = [name_film_output(film)]
+    check_no_overlap([*outputs, *films], made.inputs())
+    for path in outputs:
         check_writable(path, made.overwrite)
+    if film is not None:
+        check_film_output(film, made.film_settings, made.overwrite)
     names = choose_names(made.results)
     reports = [record.build_report(one, None, name) for one, name in zip(read, names, strict=True)]
     overview = Overview([build_clip_entry(report) for report in reports])
@@ -97,11 +110,8 @@ def report_to_files(
         data = view()
         path = made.targets.named[name]
         write_bytes(path, data.encode() if isinstance(data, str) else data, made.overwrite)
-    if made.targets.film is not None:
-        from cageik_cli.report.film.film import write_film  # slow: Pillow
-
-        film = made.film_settings
-        write_film(read[0], made.targets.film, film, made.overwrite, ProgressListener())
+    if film is not None:
+        write_film(read[0], film, made.film_settings, made.overwrite, ProgressListener())
     return tuple(reports)
 
 

@@ -190,11 +190,59 @@ def test_the_settings_of_a_film_are_taken(run, results):
         assert film.n_frames == 2
 
 
+def test_a_film_of_pictures_is_named_with_its_size(run, results):
+    words = ["--film", "shown/walk_##.png", "--film-size", "64x64"]
+    view = ["--film-view", "-20,40,1.5,0,0,0", "--film-no-cage"]
+    outcome = run("report", *words, *view)
+    assert outcome.code == 0, outcome.err
+    size = format_bytes(sum(file.stat().st_size for file in Path("shown").iterdir()))
+    assert f"wrote shown/walk_##.png ({size}, 5 pictures of 64x64, 0.2 s" in outcome.out
+    assert "the model is beyond the edges of 3 of 5 pictures" in outcome.err
+    assert "give --film-view without a distance" in outcome.err
+    assert run("report", *words).err.startswith("Error: shown: exists already")
+    outcome = run("report", *words, *view, "--overwrite", "-q")
+    assert (outcome.code, outcome.out, outcome.err) == (0, "", "")
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("walk.png", "walk.png: a .png file holds one picture; name files in a folder"),
+        ("walk_##.png", ".: is a folder with files that this command reads or writes"),
+        ("mine/walk_##.png", "mine: holds notes.txt"),
+        ("figures.json/walk_##.png", "figures.json: is a file"),
+        ("cages.h5/walk_##.png", "cages.h5: is read or written by this command already"),
+    ],
+)
+def test_a_film_that_cannot_be_written_is_refused_before_any_work(run, results, name, said):
+    Path("mine").mkdir()
+    Path("mine/notes.txt").touch()
+    Path("figures.json").touch()
+    outcome = run("report", "--csv", "figures.csv", "--film", name)
+    assert (outcome.code, outcome.out) == (1, "")
+    assert said in outcome.err
+    assert not Path("figures.csv").exists()
+
+
+@pytest.mark.parametrize("suffix", [".mp4", ".webm"])
+def test_without_ffmpeg_nothing_is_written(run, results, monkeypatch, suffix):
+    monkeypatch.setenv("PATH", "")
+    outcome = run("report", "--json", "figures.json", "--film", f"walk{suffix}")
+    assert outcome.code == 1
+    assert (
+        f"walk{suffix}: is written by the program ffmpeg, which is not on the PATH" in outcome.err
+    )
+    assert not Path("figures.json").exists()
+
+
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        ("--film walk.mp4", "walk.mp4: expected a name that ends in .webp or .gif"),
+        ("--film walk.avi", "walk.avi: expected a name that ends in .webp or .gif or .mp4"),
         ("--film -", "-: expected a name that ends in .webp or .gif"),
+        ("--film w.gif --film-view front", "--film-view front: is no view"),
+        ("--film w.gif --film-view 0,95", "--film-view 0,95: the tilt 95 is out of range"),
+        ("--film-no-cage", "--film-no-cage: no film is written"),
         ("--player walk.txt", "walk.txt: expected a name that ends in .html"),
         ("--film w.gif --film-size 640", "'640' is not a width and a height such as 640x480"),
         ("--film w.gif --film-size 10x640", "--film-size 10x640: a side is out of range"),

@@ -28,6 +28,7 @@ NOT_RUN = [
     ("docs/handles-file.md", "python", "needs Blender"),
     ("docs/recipes.md", "python", "needs Blender"),
     *[("docs/continuous-integration.md", "yaml", "GitHub workflow")] * 2,
+    ("docs/reports-and-limits.md", "console", "needs ffmpeg"),
     ("docs/rigs.md", "sh", "needs Blender"),
     ("docs/rigs.md", "sh", "needs Node.js"),
     ("docs/viewing.md", "console", "needs a browser"),

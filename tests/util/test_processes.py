@@ -13,7 +13,13 @@ import numpy as np
 import pytest
 
 from cageik_cli.util import processes
-from cageik_cli.util.processes import Subprocess, SubprocessError, call_in_subprocesses
+from cageik_cli.util.processes import (
+    Program,
+    ProgramError,
+    Subprocess,
+    SubprocessError,
+    call_in_subprocesses,
+)
 
 on_linux = pytest.mark.skipif(sys.platform != "linux", reason="limits are others there")
 with_signals = pytest.mark.skipif(sys.platform == "win32", reason="there are no such signals")
@@ -259,3 +265,61 @@ def is_running(number):
 
 def test_a_signal_without_a_name_is_said_by_its_number():
     assert str(SubprocessError(-35)) == "ends with signal 35"
+
+
+COPY = "import sys; open(sys.argv[1], 'wb').write(sys.stdin.buffer.read())"
+
+
+def run_python(code, *words):
+    return Program([sys.executable, "-c", code, *words])
+
+
+def test_a_program_gets_all_that_it_is_fed(tmp_path, capfd):
+    data = os.urandom(1 << 20)
+    with run_python(f"print('said'); {COPY}", str(tmp_path / "copy")) as program:
+        for start in range(0, len(data), 1 << 18):
+            program.feed(data[start : start + (1 << 18)])
+        program.finish()
+    assert (tmp_path / "copy").read_bytes() == data
+    assert capfd.readouterr() == ("", "")
+
+
+def test_words_of_a_program_are_no_commands(tmp_path):
+    name = tmp_path / "a b; touch c"
+    with run_python(COPY, str(name)) as program:
+        program.finish()
+    assert [file.name for file in tmp_path.iterdir()] == [name.name]
+
+
+@pytest.mark.parametrize(
+    ("code", "said"),
+    [
+        ("import sys; sys.stdin.read(); sys.exit('no\\n\\nroom')", "exit code 1: no; room$"),
+        ("import sys; sys.stdin.read(); sys.exit('a' * 9999)", "exit code 1: a{1999}$"),
+        ("import sys; sys.stdin.read(); sys.exit(7)", "exit code 7$"),
+    ],
+)
+def test_a_program_that_fails_says_how(code, said):
+    with run_python(code) as program:
+        program.feed(b"data")
+        with pytest.raises(ProgramError, match=said):
+            program.finish()
+
+
+def test_a_program_that_ends_early_takes_no_more():
+    code = "import sys; sys.exit('full')"
+    with run_python(code) as program, pytest.raises(ProgramError, match="exit code 1: full"):
+        program.feed(bytes(1 << 24))
+
+
+def test_a_program_is_ended_whatever_it_does():
+    start = time.monotonic()
+    with pytest.raises(KeyError), run_python("import time; time.sleep(60)") as program:
+        raise KeyError
+    assert program._process.returncode not in (None, 0)
+    assert time.monotonic() - start < 30
+
+
+def test_a_program_that_is_not_there_cannot_be_started(tmp_path):
+    with pytest.raises(OSError, match="none"):
+        Program([str(tmp_path / "none")])

@@ -1,15 +1,9 @@
-"""A film of a result, the clip or a turn around the rest pose, as GIF or WebP.
-
-Pictures are drawn one by one, and Pillow writes them. Until the last is there, it keeps a byte per
-pixel of those of a GIF, and those of a WebP as they are encoded.
-"""
+"""The pictures of a film of a result: the clip, or a turn around the rest pose."""
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import islice
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,26 +12,27 @@ from PIL import Image, ImageDraw, ImageFont
 from cageik_cli.method.weights.binding import Binding, reconstruct_frames
 from cageik_cli.report.film.settings import (
     DEFAULT_TURN_SECONDS,
+    HALF_VIEW,
     MAX_FILM_RATE,
     MAX_FILM_SECONDS,
     TURN_RATE,
     FilmSettings,
+    FilmView,
 )
 from cageik_cli.report.render.model_views import (
+    VIEW_TILT,
     VIEW_TURN,
+    overlay_cage,
     project_surface,
-    render_with_cage,
+    render_model,
     view_axes,
 )
-from cageik_cli.report.render.raster import ParallelCamera
+from cageik_cli.report.render.raster import Camera, ParallelCamera, PerspectiveCamera
 from cageik_cli.report.render.shading import SAMPLES_PER_PIXEL, downsample, parse_colour
-from cageik_cli.store.result import StoredAnimation, load_binding, read_poses
-from cageik_cli.util.arrays import Floats, Integers, count_frames, spread_evenly
+from cageik_cli.store.result import StoredAnimation, read_poses
+from cageik_cli.util.arrays import Floats, count_frames, spread_evenly
 from cageik_cli.util.errors import SettingError
 from cageik_cli.util.messages import say
-from cageik_cli.util.outputs import atomic_file
-from cageik_cli.util.progress import ProgressListener
-from cageik_cli.util.threads import OrderedMap, count_processors
 
 FILM_COLOURS = {"background": "#ffffff", "label": "#59626d"}
 """Of what is neither the model nor its cage."""
@@ -54,12 +49,6 @@ GIF_COLOURS = 127
 COLOUR_SAMPLES = 6
 """Pictures from which the colours of a GIF are chosen."""
 
-MAX_GIF_PIXELS = 1 << 30
-"""Pixels of all pictures of a GIF, each of which takes a byte of memory."""
-
-WEBP_QUALITY = 75
-"""Of the pictures of a WebP, up to 100: the thin lines of a cage stay clean."""
-
 Pixels = NDArray[np.uint8]
 """(h, w, 3): red, green and blue."""
 
@@ -74,7 +63,7 @@ class Shot:
     axes : (3, 3) float64
         Of the camera, as of `ParallelCamera`.
     centre : (3,) float64
-        What the camera goes around, or with.
+        What the camera looks at, goes around, or goes with.
     label : str
         What is written on the picture: the number of the frame.
     """
@@ -100,6 +89,8 @@ class Film:
         Pictures per second.
     count : int
         Number of pictures.
+    cut : int
+        Number of pictures beyond whose edges something is, as `fit` finds.
 
     Raises
     ------
@@ -109,6 +100,9 @@ class Film:
 
     def __init__(self, result: StoredAnimation, binding: Binding, settings: FilmSettings) -> None:
         self.result, self.binding, self.settings = result, binding, settings
+        self.cut, self._diagonal = 0, result.rest.diagonal or 1.0
+        self._view = settings.view or FilmView(VIEW_TURN, VIEW_TILT)
+        self._follows = settings.film_follow or self._view.follows
         seconds = settings.film_seconds
         if settings.film_turntable:
             self._step, self.rate = 1, TURN_RATE
@@ -128,16 +122,31 @@ class Film:
         self.rate, self.count = fps / self._step, -(-shown // self._step)
 
     def fit(self) -> None:
-        """Find the largest scale at which all that any shot shows is in the picture.
+        """Find the scale; of a view that is at no distance, the largest that shows all.
 
         That is the step from the centre of a shot to the middle of its picture, along the axes of
-        the camera, and the size of a pixel, in units of the model.
+        the camera, and the size of a pixel there, in units of the model.
         """
+        if self._view.distance is None:
+            self._fit_all()
+            return
+        span = 2 * math.tan(math.radians(HALF_VIEW)) * self._view.distance
+        self._unit = span * self._diagonal / min(self.settings.film_size)
+        self._offset = np.zeros(3)
+        size = np.array(self.settings.film_size)
+        for shot in self.shots():
+            camera = self._place_camera(shot, 0, 0, 1)
+            for points in self._drawn_points(shot):
+                seen = camera.project(points)[:, :2] / SAMPLES_PER_PIXEL
+                if not ((seen >= 0) & (seen <= size)).all():
+                    self.cut += 1
+                    break
+
+    def _fit_all(self) -> None:
         margin, label_height = 0.03, 20  # share of the picture; pixels
         low, high = np.full(3, np.inf), np.full(3, -np.inf)
-        drawn: Integers = np.unique(self.binding.rest.faces)
         for shot in self.shots():
-            for points in (shot.mesh[drawn], shot.cage):
+            for points in self._drawn_points(shot):
                 seen = (points - shot.centre) @ shot.axes.T
                 low, high = np.minimum(low, seen.min(axis=0)), np.maximum(high, seen.max(axis=0))
         width, height = self.settings.film_size
@@ -146,6 +155,12 @@ class Film:
         # The label is below the model.
         lift = np.array([0, -0.5 * label_height * self._unit, 0])
         self._offset = 0.5 * (low + high) + lift
+
+    def _drawn_points(self, shot: Shot) -> Iterator[Floats]:
+        """Yield the points of all that a shot shows: vertices in no face may be far away."""
+        yield shot.mesh[np.unique(self.binding.rest.faces)]
+        if not self.settings.film_no_cage:
+            yield shot.cage
 
     @property
     def seconds(self) -> float:
@@ -164,19 +179,32 @@ class Film:
         rest, cage = self.binding.rest.vertices, self.binding.cage.vertices
         drawn = rest[np.unique(self.binding.rest.faces)]
         centre = 0.5 * (drawn.min(axis=0) + drawn.max(axis=0))
+        if self._view.distance is not None:
+            centre = self._find_target()
         for number in range(self.count):
-            axes = view_axes(self.result.scene.up_axis, VIEW_TURN + 360 * number / self.count)
+            turn = self._view.turn + 360 * number / self.count
+            axes = view_axes(self.result.scene.up_axis, turn, self._view.tilt)
             yield Shot(rest, cage, axes, centre, "")
 
     def _play(self) -> Iterator[Shot]:
-        result, follows = self.result, self.settings.film_follow
-        axes = view_axes(result.scene.up_axis, VIEW_TURN)
+        result, view = self.result, self._view
+        axes = view_axes(result.scene.up_axis, view.turn, view.tilt)
         timeline = result.scene.make_timeline(len(result.frames))
+        # The mean of the cage moves evenly; the middle of a box around it would jerk.
+        start = np.zeros(3)
+        if view.distance is not None:
+            start = self._find_target()
+            if self._follows:
+                start = start - self.binding.cage.vertices.mean(axis=0)
         for number, (mesh, cage) in enumerate(islice(self._rebuild(), self.count)):
-            # The mean of the cage moves evenly; the middle of a box around it would jerk.
-            centre = cage.mean(axis=0) if follows else np.zeros(3)
+            centre = start + cage.mean(axis=0) if self._follows else start
             label = f"frame {timeline.number_frame(number * self._step)}"
             yield Shot(mesh, cage, axes, centre, label)
+
+    def _find_target(self) -> Floats:
+        """Return what a view at a distance looks at, in the units of the model, (3,)."""
+        middle: Floats = self.binding.cage.vertices.mean(axis=0)
+        return middle + self._diagonal * np.array(self._view.place)
 
     def _rebuild(self) -> Iterator[tuple[Floats, Floats]]:
         """Yield the mesh and the cage of every frame that is shown, and perhaps of more."""
@@ -213,103 +241,34 @@ class Film:
 
     def _draw_tile(self, shot: Shot, left: int, top: int, side: int) -> Pixels:
         """Draw a square whose upper left corner is at a pixel."""
-        width, height = self.settings.film_size
-        right, down = left + 0.5 * (side - width), top + 0.5 * (side - height)
-        place = self._offset + self._unit * np.array([right, -down, 0])
-        camera = ParallelCamera(
-            shot.axes,
-            shot.centre + place @ shot.axes,
-            0.5 * self._unit * side,
-            SAMPLES_PER_PIXEL * side,
-        )
-        binding = self.binding
+        camera, binding = self._place_camera(shot, left, top, side), self.binding
         surface = project_surface(camera, shot.mesh, binding.rest.faces)
-        red, green, blue, opacity = downsample(
-            render_with_cage(surface, camera, binding.cage.move(shot.cage))
-        )
+        picture = render_model(surface)
+        if not self.settings.film_no_cage:
+            picture = overlay_cage(picture, camera, surface, binding.cage.move(shot.cage))
+        red, green, blue, opacity = downsample(picture)
         colours = np.stack([red, green, blue], axis=2)
         background = parse_colour(FILM_COLOURS["background"])
         mixed = background + opacity[..., None] * (colours - background)
         levels: Pixels = np.rint(255 * np.clip(mixed, 0, 1)).astype(np.uint8)
         return levels
 
-
-class LaterPictures:
-    """The pictures of a film after the first, which are drawn when Pillow asks for them.
-
-    Pillow takes this for an image of several pictures, such as a file holds, and has one at a time.
-    """
-
-    def __init__(self, first: Image.Image, others: Iterator[Image.Image], count: int) -> None:
-        self.n_frames = count
-        self._shown, self._others = first, others
-
-    def seek(self, number: int) -> None:
-        """Go to the next picture."""
-        if number == self.n_frames:
-            raise EOFError
-        self._shown = next(self._others)
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._shown, name)
-
-
-def write_film(
-    result: StoredAnimation,
-    path: Path,
-    settings: FilmSettings,
-    overwrite: bool,
-    progress: ProgressListener,
-) -> Film:
-    """Write a film as GIF or WebP, as the name says; the same bytes for the same arguments.
-
-    Raises
-    ------
-    SettingError
-        When the result has no weights, or its clip is too long.
-    OutputError
-        When the file cannot be written.
-    """
-    binding = load_binding(result, "a film")
-    film = Film(result, binding, settings)
-    is_gif = path.suffix.lower() == ".gif"
-    width, height = settings.film_size
-    if is_gif and film.count * width * height > MAX_GIF_PIXELS:
-        raise SettingError(
-            f"{path}: {film.count} pictures of {width}x{height} pixels are too many for a "
-            "GIF; " + say("choose a smaller `film_size=` or `film_seconds=`, or write .webp")
-        )
-    with progress.stage("film"):
-        film.fit()
-        palette = film.choose_colours() if is_gif else None
-        # GIF has times in hundredths of a second.
-        unit = 10 if is_gif else 1
-        times = unit * np.array(film.list_times(1000 // unit))
-        jobs = count_processors()
-
-        def draw_all(drawn: Iterable[Pixels]) -> Iterator[Image.Image]:
-            for number, pixels in enumerate(drawn):
-                image = Image.fromarray(pixels)
-                if palette is not None:
-                    image = image.quantize(palette=palette, dither=Image.Dither.NONE)
-                progress.update(number + 1, film.count)
-                yield image
-
-        with (
-            atomic_file(path, overwrite) as file,
-            OrderedMap(film.draw, film.shots(), jobs, jobs + 1) as drawn,
-        ):
-            pictures = draw_all(drawn)
-            first = next(pictures)
-            first.save(
-                file,
-                "GIF" if is_gif else "WEBP",
-                save_all=True,
-                append_images=[LaterPictures(first, pictures, film.count - 1)],
-                duration=np.diff(times).tolist(),
-                loop=0,
-                optimize=True,
-                quality=WEBP_QUALITY,
-                method=4,
+    def _place_camera(self, shot: Shot, left: int, top: int, side: int) -> Camera:
+        """Return the camera of a square whose upper left corner is at a pixel."""
+        width, height = self.settings.film_size
+        samples, view = SAMPLES_PER_PIXEL * side, self._view
+        if view.distance is not None:
+            middle = [SAMPLES_PER_PIXEL * k for k in (0.5 * width - left, 0.5 * height - top)]
+            distance = view.distance * self._diagonal
+            return PerspectiveCamera(
+                shot.axes,
+                shot.centre,
+                distance,
+                self._unit / SAMPLES_PER_PIXEL,
+                (middle[0], middle[1]),
+                samples,
             )
-    return film
+        right, down = left + 0.5 * (side - width), top + 0.5 * (side - height)
+        place = self._offset + self._unit * np.array([right, -down, 0])
+        extent = 0.5 * self._unit * side
+        return ParallelCamera(shot.axes, shot.centre + place @ shot.axes, extent, samples)

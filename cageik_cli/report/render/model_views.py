@@ -9,7 +9,13 @@ from PIL import Image
 
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.report.notes import MAX_FAIR_DEVIATION
-from cageik_cli.report.render.raster import ParallelCamera, rasterize, rasterize_lines
+from cageik_cli.report.render.raster import (
+    Camera,
+    ParallelCamera,
+    PerspectiveCamera,
+    rasterize,
+    rasterize_lines,
+)
 from cageik_cli.report.render.shading import (
     MESH_COLOURS,
     SAMPLES_PER_PIXEL,
@@ -43,19 +49,24 @@ MIN_SEEN_SHARE = 0.8
 """The first turn is chosen that shows this share of the pixels of the best one."""
 
 
-def project_surface(camera: ParallelCamera, vertices: Floats, faces: Integers) -> VisibleSurface:
+def project_surface(camera: Camera, vertices: Floats, faces: Integers) -> VisibleSurface:
     """Rasterize what a camera sees of a mesh."""
-    return rasterize_surface(camera.project(vertices), faces, camera.size)
+    shape = camera.shape(vertices) if isinstance(camera, PerspectiveCamera) else None
+    return rasterize_surface(camera.project(vertices), faces, camera.size, shape)
 
 
-def render_with_cage(surface: VisibleSurface, camera: ParallelCamera, cage: TriMesh) -> Picture:
+def render_model(surface: VisibleSurface) -> Picture:
+    """Draw a pale model."""
+    return render(surface, parse_colour(MESH_COLOURS["model"]))
+
+
+def render_with_cage(surface: VisibleSurface, camera: Camera, cage: TriMesh) -> Picture:
     """Draw a pale model and the lines of its cage, fainter where they are behind a surface."""
-    picture = render(surface, parse_colour(MESH_COLOURS["model"]))
-    return overlay_cage(picture, camera, surface, cage)
+    return overlay_cage(render_model(surface), camera, surface, cage)
 
 
 def overlay_cage(
-    picture: Picture, camera: ParallelCamera, surface: VisibleSurface, cage: TriMesh
+    picture: Picture, camera: Camera, surface: VisibleSurface, cage: TriMesh
 ) -> Picture:
     """Draw the lines of a cage over a picture: its polygons, fainter where a surface is before."""
     line_width, front_opacity, hidden_opacity = 1.3 * SAMPLES_PER_PIXEL, 0.95, 0.28
@@ -69,12 +80,12 @@ def overlay_cage(
     )
 
 
-def view_axes(up_axis: str, turn: float) -> Floats:
+def view_axes(up_axis: str, turn: float, tilt: float = VIEW_TILT) -> Floats:
     """Return right, up and backward of a view, as rows.
 
-    It is from `turn` degrees right of the front, and `VIEW_TILT` degrees above it.
+    It is from `turn` degrees right of the front, and `tilt` degrees above it.
     """
-    turn_angle, tilt_angle = np.radians((turn, VIEW_TILT))
+    turn_angle, tilt_angle = np.radians((turn, tilt))
     (c, s), (d, e) = ((np.cos(angle), np.sin(angle)) for angle in (turn_angle, tilt_angle))
     around = np.array([[c, 0, -s], [0, 1, 0], [s, 0, c]])
     over = np.array([[1, 0, 0], [0, d, -e], [0, e, d]])

@@ -1,7 +1,7 @@
 """Triangles and lines in a depth buffer, without a graphics card.
 
 Pixels are counted from the upper left corner, x to the right and y downwards; the centre of pixel
-(k, l) is at (k + ½, l + ½). Depths grow away from the viewer. The projection is parallel.
+(k, l) is at (k + ½, l + ½). Depths grow away from the viewer, and are affine in a picture.
 """
 
 from collections.abc import Iterator
@@ -15,6 +15,9 @@ from cageik_cli.util.arrays import Floats, Integers
 
 VIEW_EDGE_TOL = 1e-9
 """Triangles whose normal has less along the view, as a share, are seen edge-on."""
+
+NEAR_SHARE = 0.02
+"""Of the distance of a perspective camera, as in the player: what is nearer is not drawn."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -58,6 +61,52 @@ class ParallelCamera:
         """Project points, (k, 3), to x, y and depth, all in pixels."""
         seen = (points - self.centre) / self.extent @ self.axes.T
         return np.asarray(0.5 * self.size * (seen * (1, -1, -1) + (1, 1, 0)))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PerspectiveCamera:
+    """A perspective projection onto a square window of a picture.
+
+    Points nearer than a `NEAR_SHARE` of the distance, and those behind the camera, have no place.
+
+    Attributes
+    ----------
+    axes : (3, 3) float64
+        Rows: right, up, and towards the viewer, of length one.
+    centre : (3,) float64
+        The point in the middle of the picture that is looked at.
+    distance : float
+        Of the camera from that point.
+    unit : float
+        Size of a pixel at the distance.
+    middle : (float, float)
+        The middle of the picture, in pixels of the window.
+    size : int
+        Width and height of the window, pixels.
+    """
+
+    axes: Floats
+    centre: Floats
+    distance: float
+    unit: float
+    middle: tuple[float, float]
+    size: int
+
+    def project(self, points: Floats) -> Floats:
+        """Project points, (k, 3), to x, y and depth, in pixels; those without a place are nan."""
+        seen = self.shape(points)
+        away = self.distance + seen[:, 2]
+        share = self.distance / np.where(away > NEAR_SHARE * self.distance, away, np.nan)
+        # Of depths, only those of this form lie in a plane where a triangle is.
+        seen = seen * share[:, None] / self.unit
+        return np.asarray(seen + np.array([*self.middle, 0]))
+
+    def shape(self, points: Floats) -> Floats:
+        """Turn points, (k, 3), to right, down and away from the viewer: normals are of these."""
+        return np.asarray((points - self.centre) @ self.axes.T * (1, -1, -1))
+
+
+Camera = ParallelCamera | PerspectiveCamera
 
 
 def rasterize(corners: Floats, size: int) -> tuple[Integers, Floats]:

@@ -64,25 +64,37 @@ class VisibleSurface:
         return _weighted_sum(self.barycentric, values[self.corners])
 
 
-def rasterize_surface(projected: Floats, faces: Integers, size: int) -> VisibleSurface:
-    """Rasterize a mesh with projected vertices, (m, 3); both sides of its faces are visible."""
+def rasterize_surface(
+    projected: Floats, faces: Integers, size: int, shape: Floats | None = None
+) -> VisibleSurface:
+    """Rasterize a mesh with projected vertices, (m, 3); both sides of its faces are visible.
+
+    `shape`, (m, 3), is what its normals are of: right, down and away from the viewer, by default as
+    projected.
+    """
     face, depth = rasterize(projected[faces], size)
     pixels = np.flatnonzero(face >= 0)
     face_ids = face.ravel()[pixels]
     corners = faces.T[:, face_ids]
     shares = _barycentric_coordinates(projected, corners, np.stack([pixels % size, pixels // size]))
     # Right, up, towards the viewer: of faces, of twice their area; of vertices, their sums.
-    first, second, third = (projected[corner].T for corner in faces.T)
-    face_normals = cross_products(second - first, third - first) * np.array([[1], [-1], [-1]])
-    face_normals = np.where(np.isfinite(face_normals), face_normals, 0)
+    face_normals = _face_normals(projected if shape is None else shape, faces)
     ends, count = faces.T.ravel(), len(projected)
     sums = [np.bincount(ends, np.tile(along, 3), count) for along in face_normals]
     vertex_normals = _normalize(np.stack(sums))
     normals = np.stack([_weighted_sum(shares, along[corners]) for along in vertex_normals])
-    away = face_normals[2, face_ids] < 0
+    facing = face_normals[2] if shape is None else _face_normals(projected, faces)[2]
+    away = facing[face_ids] < 0
     return VisibleSurface(
         pixels, corners, shares, _normalize(np.where(away, -normals, normals)), depth
     )
+
+
+def _face_normals(points: Floats, faces: Integers) -> Floats:
+    """Return the normals of faces, (3, t): right, up and towards the viewer."""
+    first, second, third = (points[corner].T for corner in faces.T)
+    normals = cross_products(second - first, third - first) * np.array([[1], [-1], [-1]])
+    return np.where(np.isfinite(normals), normals, 0)
 
 
 def _weighted_sum(shares: Floats, values: Floats) -> Floats:

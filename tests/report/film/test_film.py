@@ -1,41 +1,32 @@
-"""Films of a result: which frames they show, from where, what is drawn, and how it is stored."""
+"""The pictures of a film: which frames they show, from where, and what is drawn."""
 
 import shutil
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from PIL import Image
 
 from cageik_cli.method.weights.binding import Poses, reconstruct_frames
 from cageik_cli.report.film import film as film_module
-from cageik_cli.report.film.film import (
-    GIF_COLOURS,
-    Film,
-    write_film,
-)
+from cageik_cli.report.film.film import Film
 from cageik_cli.report.film.settings import (
     DEFAULT_TURN_SECONDS,
+    HALF_VIEW,
     MAX_FILM_RATE,
     MAX_FILM_SECONDS,
     MAX_FILM_SIDE,
     MIN_FILM_SIDE,
     TURN_RATE,
     FilmSettings,
+    FilmView,
 )
 from cageik_cli.store.result import read_binding, read_cages, read_rotations
-from cageik_cli.util.errors import OutputError, SettingError
-from cageik_cli.util.progress import ProgressListener
-
-SMALL = FilmSettings(film_size=(96, 64))
+from cageik_cli.util.errors import SettingError
+from tests.report.film.films import SMALL, with_rate
 
 
 def plan(result, **settings):
     return Film(result, read_binding(result), replace(SMALL, **settings))
-
-
-def with_rate(result, fps):
-    return replace(result, scene=replace(result.scene, fps=fps))
 
 
 @pytest.mark.parametrize(
@@ -49,6 +40,16 @@ def with_rate(result, fps):
         ({"film_seconds": float("nan")}, "film_seconds=nan"),
         ({"film_seconds": float("inf")}, "film_seconds=inf"),
         ({"film_turntable": True, "film_follow": True}, "film_follow=True"),
+        ({"film_view": ""}, "film_view=`: is no view"),
+        ({"film_view": "32"}, "film_view=32`: is no view"),
+        ({"film_view": "32,14,3"}, "film_view=32,14,3`: is no view"),
+        ({"film_view": "32,14,follow"}, "film_view=32,14,follow`: is no view"),
+        ({"film_view": "nan,14"}, "film_view=nan,14`: is no view"),
+        ({"film_view": "361,14"}, "the turn 361 is out of range .expected -360 to 360"),
+        ({"film_view": "32,-91"}, "the tilt -91 is out of range"),
+        ({"film_view": "32,14,0,0,0,0"}, "the distance 0 is out of range .expected 0.02 to 50"),
+        ({"film_view": "32,14,1e999,0,0,0"}, "the distance inf is out of range"),
+        ({"film_view": "32,14,3,0,-1e5,0"}, "the coordinate -100000 is out of range"),
     ],
 )
 def test_settings_out_of_range_are_refused(settings, named):
@@ -175,76 +176,102 @@ def test_tiles_join_without_a_seam(closed, monkeypatch):
         assert differs.mean() < 0.01  # lines near a surface are before it or behind
 
 
-@pytest.mark.parametrize("name", ["film.webp", "film.GIF"])
-def test_a_film_is_read_back_by_pillow(closed, tmp_path, name):
-    told = []
-
-    class Listener(ProgressListener):
-        def update(self, done, total):
-            told.append((done, total))
-
-    made = write_film(closed.result, tmp_path / name, SMALL, False, Listener())
-    assert told == [(k + 1, made.count) for k in range(made.count)]
-    with Image.open(tmp_path / name) as image:
-        assert (image.n_frames, image.size) == (made.count, (96, 64))
-        image.seek(made.count - 1)
-        last = np.asarray(image.convert("RGB")).astype(int)
-    wanted = made.draw(list(made.shots())[-1])
-    assert np.abs(last - wanted).mean() < 8
-    write_film(closed.result, tmp_path / f"again{name[4:]}", SMALL, False, ProgressListener())
-    assert (tmp_path / f"again{name[4:]}").read_bytes() == (tmp_path / name).read_bytes()
+@pytest.mark.parametrize(
+    ("text", "view"),
+    [
+        ("-60,30", FilmView(-60, 30)),
+        (" 32.5 , -90 ", FilmView(32.5, -90)),
+        ("32,14,3.5,0.1,-.2,1e-3", FilmView(32, 14, 3.5, (0.1, -0.2, 1e-3))),
+        ("32,14,3.5,0,0,0,Follow", FilmView(32, 14, 3.5, (0, 0, 0), follows=True)),
+    ],
+)
+def test_a_view_is_parsed(text, view):
+    assert FilmSettings(film_view=text).view == view
 
 
-def test_a_film_that_fails_leaves_what_was_there(closed, tmp_path, monkeypatch):
-    path = tmp_path / "film.gif"
-    path.write_text("old")
-    with pytest.raises(OutputError, match="another run has written it"):
-        write_film(closed.result, path, SMALL, False, ProgressListener())
-    monkeypatch.setattr(Film, "draw", None)
-    with pytest.raises(TypeError):
-        write_film(closed.result, path, SMALL, True, ProgressListener())
-    assert [file.name for file in tmp_path.iterdir()] == ["film.gif"]
-    assert path.read_text() == "old"
+def test_the_usual_view_can_be_named(closed):
+    usual, named = plan(closed.result), plan(closed.result, film_view="32,14")
+    for made in (usual, named):
+        made.fit()
+    assert (usual.draw(next(usual.shots())) == named.draw(next(named.shots()))).all()
 
 
-@pytest.mark.parametrize("name", ["film.webp", "film.gif"])
-def test_a_film_plays_for_ever_at_the_times_of_its_plan(make_fitted, tmp_path, name):
-    """24 pictures per second are 4 or 5 hundredths in a GIF."""
-    result = with_rate(make_fitted(), 24)
-    made = write_film(result, tmp_path / name, SMALL, False, ProgressListener())
-    with Image.open(tmp_path / name) as image:
-        assert image.info["loop"] == 0
-        shown = []
-        for number in range(image.n_frames):
-            image.seek(number)
-            image.load()  # a WebP says it then
-            shown.append(image.info["duration"])
-    parts = 100 if name.endswith("gif") else 1000
-    assert shown == (np.diff(made.list_times(parts)) * (1000 // parts)).tolist()
+def test_all_of_the_motion_is_seen_from_any_side(closed):
+    boxes = list_drawn_boxes(closed.result, film_view="-115,-40")
+    assert (boxes[:, :2] >= 0).all()
+    assert (boxes[:, 2:] <= (96, 64)).all()
+    assert plan(closed.result, film_view="-115,-40").cut == 0
 
 
-def test_a_film_of_one_picture_is_an_image(closed, tmp_path):
-    settings = replace(SMALL, film_seconds=0.1)
-    result = with_rate(closed.result, 10)
-    for name in ("film.webp", "film.gif"):
-        assert write_film(result, tmp_path / name, settings, False, ProgressListener()).count == 1
-        with Image.open(tmp_path / name) as image:
-            assert (getattr(image, "n_frames", 1), image.size) == (1, (96, 64))
+def make_walk(result, path, steps):
+    """Copy a result, whose frames are then moved by so many diagonals along x."""
+    import h5py
+
+    shutil.copy(result.path, path)
+    with h5py.File(path, "r+") as file:
+        moves = np.linspace(0, steps * result.rest.diagonal, len(file["verts"]))
+        file["verts"][...] += moves[:, None, None] * np.array([1.0, 0, 0])
+    return replace(result, path=path)
 
 
-def test_a_gif_has_the_same_colours_in_all_pictures(closed, tmp_path):
-    write_film(closed.result, tmp_path / "film.gif", SMALL, False, ProgressListener())
-    found = set()
-    with Image.open(tmp_path / "film.gif") as image:
-        for number in range(image.n_frames):
-            image.seek(number)
-            found |= {colour for _, colour in image.convert("RGB").getcolors()}
-    assert 20 < len(found) <= GIF_COLOURS
+def test_a_view_at_a_distance_is_that_of_the_player(closed):
+    """What it looks at is in the middle; the edges above and below are 15 degrees away."""
+    result, place = closed.result, np.array([0.1, -0.2, 0.05])
+    made = plan(result, film_view="40,10,3,0.1,-0.2,0.05")
+    made.fit()
+    shot = next(made.shots())
+    target = made.binding.cage.vertices.mean(axis=0) + result.rest.diagonal * place
+    edge = result.rest.diagonal * 3 * np.tan(np.radians(HALF_VIEW)) * shot.axes[1]
+    camera = made._place_camera(shot, 0, 0, 1)
+    seen = camera.project(np.array([target, target + edge, target - edge]))[:, :2] / 2
+    np.testing.assert_allclose(seen, [[48, 32], [48, 0], [48, 64]], rtol=0, atol=1e-9)
 
 
-def test_a_gif_that_takes_too_much_memory_is_refused(closed, tmp_path, monkeypatch):
-    monkeypatch.setattr(film_module, "MAX_GIF_PIXELS", 5 * 96 * 64 - 1)
-    with pytest.raises(SettingError, match="5 pictures of 96x64 pixels are too many for a GIF"):
-        write_film(closed.result, tmp_path / "film.gif", SMALL, False, ProgressListener())
-    assert list(tmp_path.iterdir()) == []
-    write_film(closed.result, tmp_path / "film.webp", SMALL, False, ProgressListener())
+def test_a_view_that_follows_goes_with_the_mean_of_the_cage(closed, tmp_path):
+    result = make_walk(closed.result, tmp_path / "walk.h5", 4)
+    words = "32,14,6,0,0,0"
+    fixed, followed = (plan(result, film_view=text) for text in (words, words + ",follow"))
+    for made in (fixed, followed):
+        made.fit()
+    assert fixed.cut >= followed.count // 2
+    assert followed.cut == 0
+    centres = np.array([shot.centre for shot in followed.shots()])
+    means = np.array([shot.cage.mean(axis=0) for shot in followed.shots()])
+    np.testing.assert_allclose(centres, means, rtol=1e-12, atol=1e-12)
+    follows = plan(result, film_view=words, film_follow=True)
+    follows.fit()
+    assert [shot.centre.tolist() for shot in follows.shots()] == centres.tolist()
+
+
+def test_a_turn_begins_at_the_view(closed):
+    made = plan(closed.result, film_turntable=True, film_view="90,0")
+    first = next(made.shots())
+    np.testing.assert_allclose(first.axes, [[0, 0, -1], [0, 1, 0], [1, 0, 0]], rtol=0, atol=1e-12)
+    placed = plan(closed.result, film_turntable=True, film_view="90,0,3,0,0.5,0")
+    middle = placed.binding.cage.vertices.mean(axis=0)
+    lifted = middle + 0.5 * closed.result.rest.diagonal * np.array([0.0, 1, 0])
+    np.testing.assert_allclose(next(placed.shots()).centre, lifted)
+
+
+def test_tiles_of_a_perspective_join(closed, monkeypatch):
+    made = plan(closed.result, film_size=(90, 70), film_view="32,14,2,0,0,0", film_no_cage=True)
+    shot = next(made.shots())
+    made.fit()
+    whole = made.draw(shot)
+    assert (whole < 200).any()
+    monkeypatch.setattr(film_module, "MAX_TILE_SIDE", 30)
+    differs = np.abs(made.draw(shot).astype(int) - whole).max(axis=2) > 4
+    assert differs.mean() < 0.01
+
+
+def test_without_its_cage_a_model_fills_the_picture(closed):
+    with_cage, alone = (
+        plan(closed.result, film_no_cage=is_left_out) for is_left_out in (False, True)
+    )
+    pictures = []
+    for made in (with_cage, alone):
+        made.fit()
+        pictures.append(made.draw(next(made.shots())).astype(int))
+    blue = [int((picture[..., 2] > picture[..., 0] + 40).sum()) for picture in pictures]
+    assert blue[0] > 50 > blue[1] == 0
+    assert alone._unit < with_cage._unit

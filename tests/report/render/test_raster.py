@@ -6,7 +6,12 @@ import numpy as np
 import pytest
 
 from cageik_cli.report.render import raster
-from cageik_cli.report.render.raster import rasterize, rasterize_lines
+from cageik_cli.report.render.raster import (
+    ParallelCamera,
+    PerspectiveCamera,
+    rasterize,
+    rasterize_lines,
+)
 from cageik_cli.util import compiled
 from tests.report.squares import SIZE, SQUARE, square
 
@@ -106,3 +111,37 @@ def test_the_compiled_body_refuses_what_does_not_fit():
         kernel.draw_triangles(corners, face, depth[1:])
     with pytest.raises(TypeError, match="corners: expected an array of float64"):
         kernel.draw_triangles(corners.astype(np.float32), face, depth)
+
+
+def make_perspective(distance):
+    centre = np.array([1.0, 2.0, 3.0])
+    return PerspectiveCamera(np.eye(3), centre, distance, 0.1, (30.0, 50.0), SIZE)
+
+
+def test_far_away_a_perspective_is_parallel():
+    points = np.random.default_rng(3).uniform(-2, 2, (50, 3)) + np.array([1, 2, 3])
+    parallel = ParallelCamera(np.eye(3), np.array([1.0, 2.0, 3.0]), 5.0, 100).project(points)
+    found = make_perspective(1e9).project(points) + np.array([20, 0, 0])
+    np.testing.assert_allclose(found, parallel, rtol=0, atol=1e-5)
+
+
+def test_a_perspective_is_that_of_similar_triangles():
+    camera = make_perspective(10.0)
+    found = camera.project(np.array([[2.0, 2, 3], [2.0, 2, 8], [1.0, 3, -7]]))
+    np.testing.assert_allclose(found[:, :2], [[40, 50], [50, 50], [30, 45]], rtol=1e-12)
+    assert (np.diff(found[[1, 0, 2], 2]) > 0).all()
+
+
+def test_what_is_near_or_behind_a_perspective_camera_has_no_place():
+    found = make_perspective(10.0).project(np.array([[1.0, 2, 12.7], [1.0, 2, 12.9], [0, 0, 20]]))
+    assert np.isfinite(found[0]).all()
+    assert np.isnan(found[1:]).all()
+
+
+def test_depths_of_a_perspective_are_in_planes():
+    """Those of points of a segment are in the ratio of their places."""
+    ends = np.array([[0.0, 0, 0], [3.0, 1, 8]])
+    shares = np.linspace(0, 1, 7)[:, None]
+    found = make_perspective(10.0).project(ends[0] + shares * (ends[1] - ends[0]))
+    along = (found - found[0]) / (found[-1] - found[0])
+    np.testing.assert_allclose(along[:, 2], along[:, 0], rtol=0, atol=1e-12)

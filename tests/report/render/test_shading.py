@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from cageik_cli.report.render.raster import ParallelCamera, rasterize_lines
+from cageik_cli.report.render.model_views import project_surface
+from cageik_cli.report.render.raster import ParallelCamera, PerspectiveCamera, rasterize_lines
 from cageik_cli.report.render.shading import (
     MESH_COLOURS,
     downsample,
@@ -100,3 +101,16 @@ def test_the_picture_does_not_depend_on_scale(factor):
     camera = ParallelCamera.fit(np.eye(3), vertices, SIZE)
     surface = rasterize_surface(camera.project(vertices), SQUARE, SIZE)
     assert len(surface.pixels) == 94 * 94
+
+
+def test_normals_in_a_perspective_are_those_of_the_model():
+    """Seen from near, with depths that are squeezed: a unit sphere's normals are its points."""
+    model = ball(levels=5, size=1.0)
+    camera = PerspectiveCamera(np.eye(3), np.zeros(3), 2.0, 0.01, (200.0, 200.0), 400)
+    surface = project_surface(camera, model.vertices, model.faces)
+    points = np.stack([surface.interpolate(along) for along in model.vertices.T])
+    points /= np.linalg.norm(points, axis=0)
+    np.testing.assert_allclose(surface.normals, points, rtol=0, atol=0.05)
+    # A ball is seen to where rays touch it: at an angle with the sine 1/2.
+    radius = 2.0 * np.tan(np.arcsin(0.5)) / 0.01
+    assert len(surface.pixels) == pytest.approx(np.pi * radius**2, rel=0.01)
