@@ -1,4 +1,4 @@
-"""The frames that a result was extracted from, where their files are still to be found.
+"""The frames that a result was extracted from, or the result of an edit, where they are found.
 
 A result records the names of files and a digest, not where they were. They are looked for in the
 folder of the result and in the one that the command runs in, frames of one file each also one
@@ -11,17 +11,19 @@ import json
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from cageik_cli.captured.settings import CaptureSettings
+from cageik_cli.formats.base.files import describe_file
 from cageik_cli.formats.base.sequence import MeshSequence
 from cageik_cli.formats.open import open_sequence
-from cageik_cli.formats.settings import ClipSettings
+from cageik_cli.formats.settings import ClipSettings, Gaps
 from cageik_cli.inputs.reconstruction import Reconstruction
 from cageik_cli.method.weights.binding import Binding
 from cageik_cli.rigs.joints import JointPoses
-from cageik_cli.store.result import Result
+from cageik_cli.store.result import Edit, Result, read_animation
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import InputError
 from cageik_cli.util.settings import list_settings
@@ -75,11 +77,21 @@ class InputFrames(Reconstruction):
         """Return the mesh (m, 3) of a frame that fills no gap."""
         return self._read(int(self.cages.known[index]))
 
+    def describe_sources(self) -> list[Any]:
+        """Return what results record of the clips, as they were when frames were last read.
+
+        Raises
+        ------
+        FileAccessError
+            When the file of a clip was written again.
+        """
+        clips = dict.fromkeys(clip for clip, _ in self._places)
+        return [clip.describe_source() for clip in clips]
+
     def hash_frames(self) -> str:
         """Return a digest of the clips, of the frames and vertices of them, and of the cages."""
         chosen = [] if self._vertices is None else self._vertices.tolist()
-        clips = dict.fromkeys(clip for clip, _ in self._places)
-        sources = [clip.describe_source()["sha256"] for clip in clips]
+        sources = [source["sha256"] for source in self.describe_sources()]
         values = [super().hash_frames(), sources, [place for _, place in self._places], chosen]
         return hashlib.sha256(json.dumps(values).encode()).hexdigest()
 
@@ -120,7 +132,8 @@ def find_input(result: Result, reconstruction: Reconstruction, jobs: int = 1) ->
     for arguments in _list_candidates(result):
         with suppress(InputError):
             exclude = tuple(result.settings.get("exclude", ()))
-            settings = ClipSettings(gaps="close", exclude=exclude, fps=result.scene.fps)
+            gaps: Gaps = "keep" if result.skipped else "close"
+            settings = ClipSettings(gaps=gaps, exclude=exclude, fps=result.scene.fps)
             clip = open_sequence(arguments, settings)
             numbers = {name: number for number, name in enumerate(clip.names)}
             is_input = clip.describe_source() == result.sources.get("frames")
@@ -128,6 +141,20 @@ def find_input(result: Result, reconstruction: Reconstruction, jobs: int = 1) ->
                 places = [(clip, numbers[name]) for name in result.frames]
                 found = InputFrames(reconstruction, places, jobs)
                 if _is_as_far(result, reconstruction, found):
+                    return found
+    return None
+
+
+def find_edited(edit: Edit) -> Result | Edit | None:
+    """Find what an edit was made from, beside it or in this folder; None if it is not there."""
+    source = edit.sources.get("result")
+    if source is None:
+        return None
+    for folder in dict.fromkeys([edit.path.parent, Path()]):
+        with suppress(InputError):
+            if _is_in(folder, source["name"]) and describe_file(folder / source["name"]) == source:
+                found = read_animation(folder / source["name"])
+                if len(found.frames) == len(edit.frames):
                     return found
     return None
 
@@ -145,8 +172,12 @@ def _list_candidates(result: Result) -> Iterator[list[str]]:
         if _is_in(folder, name):
             yield [f"{folder / name}{suffix}"]
         for inside in (folder, *_list_folders(folder)):
-            if all(_is_in(inside, frame) for frame in result.frames):
-                yield [f"{inside / frame}{suffix}" for frame in result.frames]
+            found = [frame for frame in result.frames if _is_in(inside, frame)]
+            if found and all(
+                frame in found or number in result.skipped
+                for number, frame in enumerate(result.frames)
+            ):
+                yield [f"{inside / frame}{suffix}" for frame in found]
 
 
 def _list_folders(folder: Path) -> list[Path]:

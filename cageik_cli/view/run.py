@@ -86,6 +86,7 @@ def run_view(
         board=board,
         parse=session.parse if session.can_apply else None,
         answers=session.answers,
+        streams=session.streams,
         spelling=listener.spell_hint,
     )
     with closing(session), serve(site, port) as address:

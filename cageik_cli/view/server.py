@@ -10,6 +10,8 @@ bounded length, and must arrive within seconds.
     POST /SECRET/apply    {"handles": …, "cageEdits": …}, the content of such files or null;
                           `?rigidity=N` for N rounds. 202 with {"job": number}
 
+    POST /SECRET/before   which frames of what was before; 200 with their bytes, see `before.py`
+
 What a page that edits a rest cage sends is {"vertices": [[x, y, z], …], "polygons": [[…], …]}:
 
     POST /SECRET/check    200 with the verdict and the findings
@@ -96,6 +98,14 @@ def make_busy_error() -> RefusedRequestError:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Stream:
+    """An answer of so many bytes, which are made while it is sent."""
+
+    size: int
+    parts: Iterator[bytes]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Site:
     """What is served.
 
@@ -111,6 +121,8 @@ class Site:
         What else may be sent, and the answer to a body and `spelling`, which is sent as JSON.
     spelling : callable
         Writes the settings that texts name, as who reads the page types them.
+    streams : dict of str to (int, callable)
+        What else: the largest body, and the stream of bytes that answers one.
     """
 
     secret: str
@@ -119,6 +131,7 @@ class Site:
     parse: Callable[[bytes, int], "Edit"] | None
     answers: Mapping[str, Callable[[bytes, Spelling], Any]] = field(default_factory=dict)
     spelling: Spelling = spell_keyword
+    streams: Mapping[str, tuple[int, Callable[[bytes], Stream]]] = field(default_factory=dict)
     _turns: dict[str, threading.Lock] = field(
         default_factory=lambda: defaultdict(threading.Lock), init=False
     )
@@ -237,7 +250,8 @@ class RequestHandler(BaseHTTPRequestHandler):
     def do_POST(self) -> None:
         """Take an edit, or what else the page sends."""
         others = {name: partial(self._send_answer, name) for name in self.site.answers}
-        self._answer({"apply": self._apply, **others})
+        streams = {name: partial(self._send_stream, name) for name in self.site.streams}
+        self._answer({"apply": self._apply, **others, **streams})
 
     def send_error(self, code: int, message: str | None = None, explain: str | None = None) -> None:
         """Send a refusal as JSON."""
@@ -324,7 +338,27 @@ class RequestHandler(BaseHTTPRequestHandler):
             raise RefusedRequestError(HTTPStatus.UNPROCESSABLE_ENTITY, text) from error
         self._send_json(HTTPStatus.OK, answer)
 
-    def _read_body(self) -> bytes:
+    def _send_stream(self, name: str, query: str) -> None:
+        """Send the stream that answers a body; a second one waits for its turn."""
+        if query:
+            raise RefusedRequestError(HTTPStatus.BAD_REQUEST, "expected no query")
+        most, make = self.site.streams[name]
+        data = self._read_body(most)
+        with self.site.take_turn(name):
+            try:
+                stream = make(data)
+            except CageikError as error:
+                text = spell(error.text, self.site.spelling)
+                raise RefusedRequestError(HTTPStatus.UNPROCESSABLE_ENTITY, text) from error
+            self._send_head(HTTPStatus.OK, "application/octet-stream", stream.size)
+            try:
+                for part in stream.parts:
+                    self._send_blocks(part)
+            except Exception as error:
+                # The head is sent: that the answer is too short says that it failed.
+                raise ConnectionAbortedError from error
+
+    def _read_body(self, most: int = MAX_SUBMITTED_BYTES) -> bytes:
         """Read a body of JSON; nothing is read of one that is too long."""
         if self.headers.get_content_type() != "application/json":
             raise RefusedRequestError(
@@ -335,10 +369,9 @@ class RequestHandler(BaseHTTPRequestHandler):
             raise RefusedRequestError(HTTPStatus.LENGTH_REQUIRED, "expected a Content-Length")
         if len(lengths) > 1 or not (lengths[0].isascii() and lengths[0].isdigit()):
             raise RefusedRequestError(HTTPStatus.BAD_REQUEST, "Content-Length is not a number")
-        if len(lengths[0]) > len(str(MAX_SUBMITTED_BYTES)) or int(lengths[0]) > MAX_SUBMITTED_BYTES:
+        if len(lengths[0]) > len(str(most)) or int(lengths[0]) > most:
             raise RefusedRequestError(
-                HTTPStatus.REQUEST_ENTITY_TOO_LARGE,
-                f"an edit has at most {MAX_SUBMITTED_BYTES} bytes",
+                HTTPStatus.REQUEST_ENTITY_TOO_LARGE, f"what is sent has at most {most} bytes"
             )
         self._reader.deadline = time.monotonic() + READ_SECONDS
         try:
@@ -355,13 +388,19 @@ class RequestHandler(BaseHTTPRequestHandler):
         self._send(status, "application/json", json.dumps(value).encode())
 
     def _send(self, status: int, kind: str, data: bytes) -> None:
+        self._send_head(status, kind, len(data))
+        self._send_blocks(data)
+
+    def _send_head(self, status: int, kind: str, size: int) -> None:
         self.connection.settimeout(SEND_SECONDS)
         self.send_response_only(status)
         self.send_header("Content-Type", kind)
-        self.send_header("Content-Length", str(len(data)))
+        self.send_header("Content-Length", str(size))
         for name, value in HEADERS.items():
             self.send_header(name, value)
         self.end_headers()
+
+    def _send_blocks(self, data: bytes) -> None:
         # The timeout of a socket is for all that is written at once, not for each piece of it.
         block = 1 << 16  # what a line of 20 kbit/s takes in that time
         for start in range(0, len(data), block):

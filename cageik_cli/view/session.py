@@ -7,6 +7,7 @@ import json
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -44,6 +45,7 @@ from cageik_cli.util.json_files import JsonFormat, Steps, format_value, parse_js
 from cageik_cli.util.messages import Spelling
 from cageik_cli.util.outputs import check_no_overlap, check_writable, replace_only, write_bytes
 from cageik_cli.util.progress import ProgressListener
+from cageik_cli.view.before import MAX_ASKED_BYTES, BeforeFrames, list_before
 from cageik_cli.view.player.clip import (
     UNNAMED_CAGE,
     PlayerClip,
@@ -51,7 +53,7 @@ from cageik_cli.view.player.clip import (
     require_player_clip,
 )
 from cageik_cli.view.player.section import render_view_page
-from cageik_cli.view.server import MAX_SUBMITTED_BYTES, Edit, Rows
+from cageik_cli.view.server import MAX_SUBMITTED_BYTES, Edit, Rows, Stream
 
 
 class PageSession(ABC):
@@ -61,6 +63,8 @@ class PageSession(ABC):
     ----------
     answers : dict of str to callable
         What else than an edit the page may send, and the answer to it; see `Site`.
+    streams : dict of str to (int, callable)
+        What else it may ask for; see `Site`.
     written : tuple of Path
         What the last edit wrote.
     """
@@ -68,6 +72,7 @@ class PageSession(ABC):
     def __init__(self, settings: ViewSettings) -> None:
         self.settings = settings
         self.answers: dict[str, Callable[[bytes, Spelling], Any]] = {}
+        self.streams: dict[str, tuple[int, Callable[[bytes], Stream]]] = {}
         self.written: tuple[Path, ...] = ()
         self._own = OwnOutputs(settings.overwrite)
 
@@ -346,8 +351,9 @@ class _ResultSession(ViewSession):
     def __init__(
         self, settings: ViewSettings, result: StoredAnimation, watched: WatchedInput
     ) -> None:
-        clip = require_player_clip(result, "a page")
+        clip = replace(require_player_clip(result, "a page"), before=list_before(result))
         super().__init__(settings, clip, VOCABULARIES[result.FORMAT])
+        self.streams = {"before": (MAX_ASKED_BYTES, BeforeFrames(result, clip).answer)}
         self._watched = watched
 
     def _solve(

@@ -13,6 +13,7 @@ from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.method.weights.binding import Binding
 from cageik_cli.report.render.model_views import FRAME_LABELS, VIEW_TURN, choose_turn
 from cageik_cli.store.result import (
+    Edit,
     KeyFrames,
     StoredAnimation,
     make_weights_error,
@@ -67,6 +68,10 @@ class PlayerClip:
     held : dict of int to (str, (m, 3) float64)
         The frames whose input is known: why it is, such as "worst", and its errors v − v̂, in
         diagonals of the rest model; 0 where v is missing.
+    original : str
+        What they are errors of: "input", or "unedited" for a mesh before an edit.
+    before : tuple of str
+        What of these the page can ask its server for, in all frames.
     focus : dict, optional
         Where the worst region is: its `frame` and `vertex`; `extent`, half the width of a view of
         it, in diagonals; and `turn`, from how many degrees right of the front it is seen.
@@ -92,6 +97,8 @@ class PlayerClip:
     frame_rms: Floats | None = None
     vertex_rms: Floats | None = None
     held: dict[int, tuple[str, Floats]] = field(default_factory=dict)
+    original: str = "input"
+    before: tuple[str, ...] = ()
     focus: dict[str, Any] | None = None
     title: str = ""
     target: str = ""
@@ -158,6 +165,7 @@ def load_player_clip(result: StoredAnimation) -> PlayerClip | None:
         frame_rms=100 * result.metrics.rms[:count] / (result.rest.diagonal or 1.0),
         vertex_rms=100 * result.vertex_rms / (result.rest.diagonal or 1.0),
         held=_collect_input_frames(key_frames, count),
+        original="unedited" if isinstance(result, Edit) else "input",
         focus=focus if focus["frame"] < count else None,
         title=_make_line(result.path.name),
         target=_make_line(shlex.join([result.path.name])),

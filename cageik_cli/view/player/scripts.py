@@ -17,6 +17,7 @@ PLAYER_SCRIPTS = (
     "transform",
     "transport",
     "stage",
+    "before",
     "controls",
     "panel",
     "modes",

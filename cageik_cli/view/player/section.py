@@ -67,8 +67,14 @@ VIEW_TEMPLATES = Templates("cageik_cli.view", "cageik_cli.report.html")
 MODES = {"look": "Look", "pose": "Pose", "cage": "Cage", "influence": "Influence"}
 """What pointers on the picture can do: names of modes, and of their buttons."""
 
+BEFORE_WORDS = {"input": "input", "unedited": "before the edit", "live": "without my edits"}
+"""What the mesh that is shown can be compared with."""
+
 PANELS = ("pose", "cage", "influence", "look", "parts")
 """Groups of the side panel, from top to bottom: names of templates."""
+
+SERVED_SCRIPTS = ("apply", "frames")
+"""Scripts that are added for a page with a server: only these send anything."""
 
 REST_SCRIPTS = ("apply", "cage_mesh", "rest_mode")
 """Scripts that are added for the page of a rest cage."""
@@ -140,6 +146,7 @@ def build_player_values(clip: PlayerClip, apply_url: str = "") -> dict[str, Any]
         "is_app": False,
         "timeline": build_timeline(clip),
         "has": list_features(clip),
+        "before": {kind: BEFORE_WORDS[kind] for kind in list_before_kinds(clip)},
         "parts": _list_parts(clip),
         "notes": notes,
     }
@@ -156,6 +163,12 @@ def list_features(clip: PlayerClip) -> set[str]:
         "mirror": find_mirror(clip.binding.cage.vertices, MAX_ASYMMETRY),
     }
     return {name for name, value in has.items() if value}
+
+
+def list_before_kinds(clip: PlayerClip) -> list[str]:
+    """List what the mesh of a clip can be compared with, that which is held first."""
+    held = [clip.original] if clip.held else []
+    return list(dict.fromkeys([*held, *clip.before, "live"]))
 
 
 def render_view_page(
@@ -183,9 +196,9 @@ def render_view_page(
     values |= {"is_app": True, "title": clip.title or "Model in its cage"}
     return VIEW_TEMPLATES.render_page(
         "view.html.j2",
-        player=render_player(values, (*scripts, "apply", start), words),
+        player=render_player(values, (*scripts, *SERVED_SCRIPTS, start), words),
         title=clip.title,
-        is_applied=bool(apply_url),
+        is_connected=bool(apply_url or clip.before),
         # In JSON, "<" is only in strings; so written, it cannot end the element that holds it.
         handles=handles.replace("<", "\\u003c"),
         cage_edits=cage_edits.replace("<", "\\u003c"),
@@ -223,12 +236,12 @@ def render_rest_cage_page(clip: PlayerClip, apply_url: str, cage: str) -> str:
     *scripts, start = (name for name in PLAYER_SCRIPTS if name not in POSE_SCRIPTS)
     values = build_player_values(clip, apply_url)
     values |= {"is_app": True, "title": clip.title, "mode": "rest"}
-    values |= {"panels": REST_PANELS, "modes": REST_MODES}
+    values |= {"panels": REST_PANELS, "modes": REST_MODES, "before": {}}
     return VIEW_TEMPLATES.render_page(
         "view.html.j2",
         player=render_player(values, (*scripts, *REST_SCRIPTS, start)),
         title=clip.title,
-        is_applied=True,  # checks and weights are asked for, too
+        is_connected=True,  # checks and weights are asked for
         handles="",
         cage_edits="",
         # In JSON, "<" is only in strings; so written, it cannot end the element that holds it.
@@ -281,6 +294,8 @@ def build_payload(clip: PlayerClip, apply_url: str = "") -> str:
         "rigidity": 0,  # rounds that the page offers first: limbs that are held swing without them
         "target": clip.target,
         "applyUrl": apply_url,
+        "original": clip.original,
+        "before": list(clip.before),
     }
     arrays |= _mark_polygons("joinedCageFaces", cage)
     if len(chosen) == len(rest.vertices):

@@ -33,6 +33,8 @@ interface Header {
   rigidity: number;
   target: string;
   applyUrl: string;
+  original: string;
+  before: string[];
   ground: number;
   frameRms: (number | null)[];
   held: { frame: number; label: string }[];
@@ -145,6 +147,19 @@ interface Stage {
   mold?: (out: Float32Array) => boolean;
   paint?: (values: Float32Array) => Painted | null;
   selectShown?: (corners: Uint32Array, size: number) => Uint32Array;
+}
+
+// The mesh before, and ghosts; `drawn` are those of neighbouring frames.
+interface Before {
+  stage: Stage;
+  choice: HTMLSelectElement;
+  isHeld: boolean;
+  kept: Map<string, Float32Array>;
+  asking: string;
+  errors: Record<string, string>;
+  drawn: { name: string; paint: number[] }[];
+  ghosts: number;
+  every: number;
 }
 
 interface Skin { shown?: Uint32Array }

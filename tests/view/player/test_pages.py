@@ -17,6 +17,7 @@ from cageik_cli.view.player.clip import make_single_pose
 from cageik_cli.view.player.section import (
     PLAYER_SCRIPTS,
     REST_SCRIPTS,
+    SERVED_SCRIPTS,
     build_player,
     render_rest_cage_page,
     render_view_page,
@@ -101,7 +102,7 @@ def test_the_scripts_of_pages_of_view_are_small(report, clip):
 def test_every_script_of_the_player_is_in_the_page(page):
     folder = files("cageik_cli.view") / "templates" / "player"
     names = {one.name.removesuffix(".js") for one in folder.iterdir()}
-    assert names == {*PLAYER_SCRIPTS, *REST_SCRIPTS}
+    assert names == {*PLAYER_SCRIPTS, *SERVED_SCRIPTS, *REST_SCRIPTS}
 
 
 def test_the_same_result_gives_the_same_bytes(page, report, poses, clip):

@@ -108,10 +108,11 @@ function makeControls(stage) {
     const parts = [clip.nameOf(frame), error == null ? "" : `error ${Number(error.toPrecision(3))} %`, clip.skipped.includes(frame) ? "skipped, interpolated" : "", why ? `${why} frame` : ""];
     return `frame ${clip.numberOf(frame)} of ${clip.ends.join(" to ")}: ${parts.filter(Boolean).join(", ")}`;
   };
-  const listHeld = () => `the page holds the input of frames ${[...clip.held.keys()].sort((a, b) => a - b).map((frame) => clip.numberOf(frame)).join(", ")}`;
   let shown = "";
   stage.listeners.push(() => {
     for (const [name, list] of Object.entries({ undo: stage.history?.past, redo: stage.history?.future })) find(name).disabled = !list?.length;
+    note.textContent = transport.isPlaying ? "" : stage.before.explain() || (view.colours === "frame" && !clip.held.has(transport.frame) ? stage.before.listHeld("No error in this frame") : "");
+    section.classList.toggle("split", stage.isSplit);
     const state = [transport.frame, transport.isPlaying, view.show, view.colours, stage.scale.unit, stage.scale.end].join();
     if (state === shown) return;
     shown = state;
@@ -120,9 +121,6 @@ function makeControls(stage) {
     slider.setAttribute("aria-valuetext", describe());
     play.textContent = transport.isPlaying ? "Pause" : "Play";
     text.textContent = clip.isClip ? describe() : "";
-    const wantsInput = ["input", "both"].includes(view.show) || view.colours === "frame";
-    note.textContent = wantsInput && !stage.hasInput && !transport.isPlaying ? `No input in this frame; ${listHeld()}.` : "";
-    section.classList.toggle("split", stage.isSplit);
     showScale(find("scale"), stage.scale, clip.colours, ["rms", "frame"].includes(view.colours) && find("colours").selectedOptions[0].textContent);
   });
 }

@@ -84,7 +84,7 @@ function showMeter(stage, meter) {
     if (line.textContent !== text) line.textContent = text;
   }
   const isWrong = worst?.changed && abs(worst.changed.volume) > MAX_VOLUME_PERCENT;
-  for (const button of section.querySelectorAll("[data-worst]")) {
+  for (const button of section.querySelectorAll("[data-volume]")) {
     button.hidden = !isWrong;
     if (isWrong) button.textContent = `Volume ${signed(worst.changed.volume)} %, show it${at(worst.changed)}`;
   }
@@ -94,7 +94,7 @@ extensions.push((stage) => {
   const { editor } = stage;
   if (!editor) return;
   const meter = stage.meter = new EditMeter(stage);
-  for (const button of stage.section.querySelectorAll("[data-worst]")) on(button, "click", () => stage.transport.go(meter.worst.changed.frame));
+  for (const button of stage.section.querySelectorAll("[data-volume]")) on(button, "click", () => stage.transport.go(meter.worst.changed.frame));
   stage.listeners.push(() => {
     if (editor.isDragging || editor.cages === meter.cages) { showMeter(stage, meter); return; }
     meter.cages = editor.cages;

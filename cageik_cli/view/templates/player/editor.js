@@ -93,7 +93,7 @@ class Editor extends Past {
     return layer;
   }
 
-  get surface() { return this.held ??= new HeldSurface(this.skin, this.clip.arrays); }
+  get surface() { return this.surfaceHeld ??= new HeldSurface(this.skin, this.clip.arrays); }
 
   makeSolvers(mirror, locked, isHeld) {
     const local = mirror && { normal: normalize(mirror.normal), point: this.clip.fromFile(mirror.point) };

@@ -76,7 +76,7 @@ function makeHandles(stage) {
   panel.listen("rounds", () => { editor.rounds = clamp(round(panel.numberOf("rounds")), 0, 1000); editor.refresh(); });
   // What is undefined is not in the file that is saved.
   panel.edit("mirror", (input) => { editor.file.mirror = input.checked ? clip.mirror : undefined; });
-  panel.edit("hold", (input) => {
+  panel.edit("held", (input) => {
     editor.set.hold = input.checked ? undefined : false;
     if (!input.checked) for (const handle of editor.set.handles) delete handle.radius;
   });
@@ -145,7 +145,7 @@ function showHandles(panel, { editor, clip, number, moved }) {
     if (focused) list.querySelector('[aria-pressed="true"]')?.focus();
   }
   panel.find("mirror").checked = file.mirror;
-  panel.find("hold").checked = set.hold !== false;
+  panel.find("held").checked = set.hold !== false;
   const sets = listSets(file);
   panel.find("layer").closest("span").hidden = sets.length < 2;
   panel.putChoice("layer", sets.map((_, k) => `${k + 1} of ${sets.length}`), editor.active);

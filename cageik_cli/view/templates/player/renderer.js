@@ -46,6 +46,18 @@ void main() {
   colour = vec4(paint.rgb, paint.a * left * left);
 }`;
 
+// Of ghosts: a colour that is darker along the outline.
+const GHOST_FRAGMENT = `#version 300 es
+precision highp float;
+uniform vec4 paint;
+uniform vec3 light;
+in vec3 facing;
+out vec4 colour;
+void main() {
+  vec3 n = normalize(facing) * (gl_FrontFacing ? 1.0 : -1.0);
+  colour = vec4(paint.rgb * (0.72 + 0.35 * max(dot(n, light), 0.0)), paint.a);
+}`;
+
 const MARK_FRAGMENT = `#version 300 es
 precision highp float;
 uniform vec4 paint, rim;
@@ -71,6 +83,7 @@ class Renderer {
     if (!gl) throw new Error("no WebGL2");
     this.mesh = this.build(MESH_VERTEX, MESH_FRAGMENT, ["position", "normal", "value", "tint"]);
     this.mark = this.build(MARK_VERTEX, MARK_FRAGMENT, ["position"]);
+    this.ghost = this.build(MESH_VERTEX, GHOST_FRAGMENT, ["position", "normal"]);
     this.grid = this.build(MARK_VERTEX, GRID_FRAGMENT, ["position"]);
     Object.assign(this, { buffers: {}, counts: {} });
     this.sendIndices("faces", faces);
@@ -164,6 +177,24 @@ class Renderer {
       gl.depthFunc(gl.LEQUAL);
       gl.enable(gl.BLEND);
     }
+    this.drawIndices(gl.TRIANGLES, "faces");
+    gl.disable(gl.POLYGON_OFFSET_FILL);
+  }
+
+  // A mesh that is seen through, of `names` of positions and normals; where it is that of a surface before, that is in front.
+  drawGhost(names, paint, light) {
+    const gl = this.gl;
+    this.use(this.ghost, { paint, light });
+    names.forEach((name, place) => this.attach(place, name, 3));
+    gl.enable(gl.POLYGON_OFFSET_FILL);
+    gl.polygonOffset(2, 4);
+    // Only its nearest surface has a colour.
+    gl.colorMask(false, false, false, false);
+    gl.depthFunc(gl.LESS);
+    this.drawIndices(gl.TRIANGLES, "faces");
+    gl.colorMask(true, true, true, true);
+    gl.enable(gl.BLEND);
+    gl.depthFunc(gl.EQUAL);
     this.drawIndices(gl.TRIANGLES, "faces");
     gl.disable(gl.POLYGON_OFFSET_FILL);
   }

@@ -24,6 +24,7 @@ class Stage {
     for (const name of ["positions", "input", "normals"]) this[name] = new Float32Array(payload.arrays.lack.length);
     this.view = { show: "model", colours: "clay", cage: true, edges: false, grid: true, xray: false, follow: travels(this.clip) };
     Object.assign(this, { editor: null, listeners: [], timings: { solve: [], skin: [], normals: [], draw: [], frames: [] }, isStale: true, toldAt: 0 });
+    this.before = new Before(this);
     this.reset();
     new ResizeObserver(() => this.resize()).observe(canvas);
   }
@@ -69,8 +70,8 @@ class Stage {
 
   get frame() { return this.transport.frame; }
 
-  // Whether the input is shown beside the reconstruction.
-  get isSplit() { return this.view.show === "both" && this.hasInput; }
+  // Whether the mesh before is shown beside the model.
+  get isSplit() { return this.before.isSplit; }
 
   // Whether the panel is a sheet below the picture.
   get isNarrow() { return this.section.clientWidth <= NARROW; }
@@ -93,7 +94,7 @@ class Stage {
     renderer.upload("normals", normals);
     renderer.uploadCage(this.drawnCage?.() ?? this.cage);
     this.moved = this.editor?.measure(this) ?? null;
-    this.computeInput();
+    this.before.compute();
     this.scale = this.modes?.active.paint?.(this.colours.values) ?? this.colours.choose(this.view.colours, share ? -1 : frame, this.moved?.marks);
     renderer.upload("values", this.colours.values);
     if (this.view.follow) this.camera.shift = minus(meanOf(this.cage), meanOf(skin.cage));
@@ -105,20 +106,6 @@ class Stage {
     const { faces, joinedFaces } = this.clip.arrays;
     this.edges ??= listEdges(faces, joinedFaces);
     this.renderer.sendIndices("edges", this.selectShown?.(this.edges, 2) ?? this.edges);
-  }
-
-  // The input of this frame, if the page holds it and it is wanted.
-  computeInput() {
-    const { frame, share } = this.transport;
-    this.hasInput = !share && this.clip.held.has(frame);
-    if (!this.hasInput || !["input", "both"].includes(this.view.show)) return;
-    const source = this.editor?.isEdited(frame) ? this.originalPositions(frame) : this.positions;
-    this.clip.input(frame, source, this.input);
-    const normals = new Float32Array(this.normals.length);
-    this.skin.normals(this.input, normals);
-    this.renderer.upload("inputPositions", this.input);
-    this.renderer.upload("inputNormals", normals);
-    this.renderer.upload("zeros", new Float32Array(this.colours.values.length));
   }
 
   // The positions of a frame before any edit.
@@ -139,7 +126,7 @@ class Stage {
     this.sizeCamera();
     const part = this.isSplit ? width >> 1 : width;
     if (this.isSplit) this.drawPart(0, part, height, true);
-    this.drawPart(width - part, part, height, this.view.show === "input" && this.hasInput);
+    this.drawPart(width - part, part, height, this.before.isAlone);
   }
 
   // Tells the camera the size of its part of the picture.
@@ -159,6 +146,7 @@ class Stage {
     };
     if (isInput) { drawMesh(["inputPositions", "inputNormals", "zeros"], PLAIN.input); return; }
     if (view.show !== "cage") drawMesh(["positions", "normals", "values", ...this.scale.isTinted ? ["tints"] : []], this.scale.ramp);
+    this.before.draw(renderer, light);
     if (view.cage || view.show === "cage") renderer.drawCage(this.cageColour());
     this.modes?.active.draw?.(renderer);
     this.modes?.transform?.draw(renderer);
