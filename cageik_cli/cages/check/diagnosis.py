@@ -16,7 +16,7 @@ from cageik_cli.cages.check.enclosure import (
     make_swap_finding,
 )
 from cageik_cli.cages.check.faults import SEVERITIES, Finding, find_cage_faults
-from cageik_cli.cages.check.misfit import Misfit, explain_misfit
+from cageik_cli.cages.check.misfit import Misfit
 from cageik_cli.cages.check.quality import (
     find_looseness_faults,
     find_low_clearance,
@@ -233,8 +233,7 @@ def _diagnose_rest(
     ]
     findings += find_surface_crossings(placement)
     if len(placement.outside_indices):
-        worst, share = placement.worst_percent, placement.outside_share
-        misfit = explain_misfit(placement.cage, rest, worst, share)
+        misfit = placement.explain()
         name = None if misfit.transform is None else misfit.transform.name
         facts = replace(facts, transform=name, inflation=misfit.inflation)
         findings.append(placement.find_outside(misfit.remedy))

@@ -10,8 +10,10 @@ from cageik_cli.cages.check.misfit import (
     MAX_DENTED_SHARE,
     MAX_OUTSIDE_SHARE,
     OTHER_POSE_REMEDY,
+    Dent,
     Misfit,
     explain_misfit,
+    find_dents,
 )
 from cageik_cli.cages.transform import MAX_SIZE_RATIO, find_transform
 from cageik_cli.geometry.mesh import TriMesh
@@ -96,6 +98,17 @@ class Placement:
     def outside_parts(self) -> list[PartShare]:
         """Return how many of these each part has, the most first; nothing for one part."""
         return count_by_part(self.rest, self.outside_indices)
+
+    @property
+    def dents(self) -> tuple[Dent, ...]:
+        """Return the few cage vertices at which these come out; see `find_dents`."""
+        numbers, closest = self.outside_indices, self.closest
+        return find_dents(self.cage, self.rest, closest.face[numbers], closest.distance[numbers])
+
+    def explain(self) -> Misfit:
+        """Explain why these are outside."""
+        worst, share = self.worst_percent, self.outside_share
+        return explain_misfit(self.cage, self.rest, worst, share, self.dents)
 
     @property
     def is_misplaced(self) -> bool:
@@ -272,7 +285,7 @@ def _check_vertices(cage: TriMesh, rest: TriMesh, policy: str) -> Placement:
     notes = describe_unused_vertices(rest)
     if len(placement.outside_indices):
         if policy == "refuse" or placement.is_misplaced:
-            misfit = explain_misfit(cage, rest, placement.worst_percent, placement.outside_share)
+            misfit = placement.explain()
             error = OutsideError(placement.find_outside(misfit.remedy).sentence)
             error.placement, error.misfit = placement, misfit
             error.is_repairable = misfit.is_repairable

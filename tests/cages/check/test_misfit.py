@@ -4,10 +4,12 @@ import numpy as np
 import pytest
 
 from cageik_cli.cages.check.diagnosis import diagnose
-from cageik_cli.cages.check.enclosure import check_enclosure
+from cageik_cli.cages.check.enclosure import check_enclosure, locate_vertices
 from cageik_cli.cages.check.misfit import explain_misfit, round_up
 from cageik_cli.cages.transform import average_normals, find_transform, measure_inflation
 from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.geometry.points import PointCloud
+from cageik_cli.geometry.surface import closest_points
 from cageik_cli.util.errors import CageError
 from tests.shapes import ball, box, finer, rotation
 
@@ -46,6 +48,46 @@ def test_a_cage_that_is_not_inflated_is_told_by_how_much():
     assert error.is_repairable
     check_enclosure(inflate(small, 1.01 * percent / 100 * MODEL.diagonal), MODEL)
     assert not re.search("unit|axes", str(error))
+
+
+def push_in(cage, vertices, depth):
+    """Vertices of the cage, put inside the model by a depth in diagonals."""
+    positions = cage.vertices.copy()
+    nearest = closest_points(MODEL, positions[vertices]).position
+    inward = nearest - positions[vertices]
+    inward /= np.linalg.norm(inward, axis=1, keepdims=True)
+    positions[vertices] = nearest + depth * MODEL.diagonal * inward
+    return TriMesh(positions, cage.faces)
+
+
+@pytest.mark.parametrize("vertices", [[7], [7, 60], [7, 60, 100, 130]])
+def test_a_few_dents_are_named_and_no_inflation_is_advised(vertices):
+    dented = push_in(CAGE, vertices, 0.02)
+    misfit = diagnose(dented, MODEL).misfit
+    assert sorted(dent.vertex for dent in misfit.dents) == vertices
+    assert all(dent.is_inside for dent in misfit.dents)
+    depths = [dent.depth / MODEL.diagonal for dent in misfit.dents]
+    np.testing.assert_allclose(depths, 0.02, rtol=0.2)
+    assert depths == sorted(depths, reverse=True)
+    text = str(refuse(dented))
+    assert f"vertex {misfit.dents[0].vertex} of the cage is " in text
+    assert "inside the model" in text
+    assert "inflate" not in text
+    pulled = dented.vertices.copy()
+    pulled[vertices] = CAGE.vertices[vertices]
+    check_enclosure(TriMesh(pulled, CAGE.faces), MODEL)
+
+
+def test_a_cage_that_is_too_small_all_over_has_no_dents():
+    small = inflate(CAGE, -0.04 * MODEL.diagonal)
+    assert diagnose(small, MODEL).misfit.dents == ()
+
+
+def test_points_come_out_at_a_vertex_that_is_not_inside_them():
+    dented = push_in(CAGE, [7], 0.02)
+    (dent,) = locate_vertices(dented, PointCloud.from_points(MODEL.vertices)).dents
+    assert (dent.vertex, dent.is_inside) == (7, False)
+    assert dent.describe("1 cm") == "the model comes 1 cm out of the cage at its vertex 7"
 
 
 X_TURN = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
