@@ -33,9 +33,10 @@ def make_view_settings(**values: Any) -> ViewSettings:
     from cageik_cli.store.binding_file import is_binding
 
     target, weight_names = values["target"], WEIGHT_NAMES
+    is_result = holds_caged_model(target) and not is_binding(target)
     if holds_caged_model(target):
         names = ["cage", "given_in", "exclude", "binding", *BUILD_OPTIONS, *weight_names]
-        if is_binding(target):
+        if not is_result:
             _reject(names, "a binding has its cage and weights")
         else:
             _reject([*names, "cage_output"], "a result has its cage and weights")
@@ -52,6 +53,8 @@ def make_view_settings(**values: Any) -> ViewSettings:
             "handles_output",
             "cage_edits_output",
         ]
+        if not is_result:
+            names.append("clip")
         refuse_options(names, "{}: --edit-cage changes the cage alone; leave it out")
     return ViewSettings(**values)
 
@@ -86,12 +89,14 @@ def view_command(settings: ViewSettings, port: int, no_browser: bool, quiet: boo
     """Play a clip or pose a model in the browser.
 
     TARGET is a result, a binding of cageik bind, or a model. The page is served on this machine
-    only, until Ctrl-C. With -o, Apply in the page solves in full precision and writes the outputs.
+    only, until Ctrl-C. With -o, Apply in the page solves in full precision and writes the outputs;
+    without it, Save as writes a new file beside TARGET.
 
     \b
     cageik view cages.h5 -o edited.h5 --handles-out handles.json
     cageik view rest.obj --cage cage.obj -o posed.obj
     cageik view rest.obj --cage cage.obj --edit-cage -o mended.obj
+    cageik view cages.h5 --edit-cage
     """  # noqa: D301
     from cageik_cli.util.text import format_block
     from cageik_cli.view.run import run_view
@@ -127,6 +132,8 @@ class TerminalListener:
         from cageik_cli.cli.check import check_command
         from cageik_cli.cli.pose import pose_command
 
+        if hint.name == "clip":
+            return spell_option(hint, view_command)
         return spell_option(hint, check_command if self._settings.edits_cage else pose_command)
 
     def open(self, address: str) -> None:
@@ -157,7 +164,7 @@ class TerminalListener:
         if not self._is_quiet:
             rows = [*rows, *self._progress.make_rows()]
             spelled = [(label, spell(text, self.spell_hint)) for label, text in rows]
-            click.echo(format_block(str(self._settings.output), spelled), err=True)
+            click.echo(format_block(str(written[0]), spelled), err=True)
             click.echo(f"wrote {', '.join(map(str, written))}", err=True)
 
     def show_failed(self, error: str) -> None:

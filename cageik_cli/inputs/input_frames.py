@@ -8,7 +8,7 @@ result are as far from a few of its frames as is recorded.
 
 import hashlib
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -129,7 +129,7 @@ def is_clean(result: Result) -> bool:
 
 def find_input(result: Result, reconstruction: Reconstruction, jobs: int = 1) -> InputFrames | None:
     """Find the frames that a result was extracted from; None if they are not there."""
-    for arguments in _list_candidates(result):
+    for arguments in list_candidates(result):
         with suppress(InputError):
             exclude = tuple(result.settings.get("exclude", ()))
             gaps: Gaps = "keep" if result.skipped else "close"
@@ -159,11 +159,15 @@ def find_edited(edit: Edit) -> Result | Edit | None:
     return None
 
 
-def _list_candidates(result: Result) -> Iterator[list[str]]:
-    """Yield what may name the input: a file, or a file of each frame.
+def list_candidates(result: Result, left_out: Collection[str] = ()) -> Iterator[list[str]]:
+    """Yield what may name the input: a file, or a file of each frame but those `left_out`.
+
+    Frames that were skipped may have no file.
 
     A name that leads elsewhere, as a result from a stranger may have, is left alone.
     """
+    frames = [frame for frame in result.frames if frame not in left_out]
+    may_be_absent = {result.frames[number] for number in result.skipped}
     name, _, member = str((result.sources.get("frames") or {"name": ""}).get("name", "")).partition(
         "::"
     )
@@ -172,11 +176,8 @@ def _list_candidates(result: Result) -> Iterator[list[str]]:
         if _is_in(folder, name):
             yield [f"{folder / name}{suffix}"]
         for inside in (folder, *_list_folders(folder)):
-            found = [frame for frame in result.frames if _is_in(inside, frame)]
-            if found and all(
-                frame in found or number in result.skipped
-                for number, frame in enumerate(result.frames)
-            ):
+            found = [frame for frame in frames if _is_in(inside, frame)]
+            if found and may_be_absent.union(found).issuperset(frames):
                 yield [f"{inside / frame}{suffix}" for frame in found]
 
 

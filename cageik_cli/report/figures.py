@@ -327,13 +327,19 @@ def format_scene_length(
 
     Metric lengths take the unit that suits them.
     """
-    size = clip.diagonal * percent / 100
-    unit = find_unit(clip.metres_per_unit)
+    return describe_length(clip.diagonal * percent / 100, clip.metres_per_unit, digits, group=group)
+
+
+def describe_length(
+    length: float, metres_per_unit: float, digits: int = 2, *, group: str = " "
+) -> str:
+    """Return a length in file units in the unit of a scene, as of `format_scene_length`."""
+    unit = find_unit(metres_per_unit)
     if unit in METRIC_UNITS:
-        metres = size * clip.metres_per_unit
+        metres = length * metres_per_unit
         unit = next((name for name in METRIC_UNITS if metres >= UNIT_LENGTHS[name]), "mm")
-        size = metres / UNIT_LENGTHS[unit]
-    number = group_digits(format_briefly(size, digits), group)
+        length = metres / UNIT_LENGTHS[unit]
+    number = group_digits(format_briefly(length, digits), group)
     return number if unit is None else f"{number} {unit}"
 
 

@@ -611,8 +611,16 @@ class ViewSettings(CommandSettings):
     build: BuildSettings = declare_group(BuildSettings(), BUILD_OPTIONS)
     edits_cage: bool = declare_setting(
         False,
-        "Edit the cage at rest, also one that is not fit; Apply writes it.",
+        "Edit the cage at rest, also one that is not fit, or that of a result.",
         option="--edit-cage",
+    )
+    clip: str | None = declare_setting(
+        None,
+        "The clip of a result, for Extract again: a folder, a glob or a file.",
+        unset="it is looked for beside the result",
+        role="read as a clip",
+        needs="edits_cage",
+        needs_message="{} is for the cage of a result; add {}",
     )
     handles: Path | None = declare_setting(
         None, "A handles file that the page begins with.", role="read"

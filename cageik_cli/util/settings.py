@@ -340,6 +340,30 @@ def describe_settings(record: Any) -> dict[str, Any]:
     return described
 
 
+def restore_settings(record: type, described: Mapping[str, Any]) -> Any:
+    """Return the settings of a record that `describe_settings` described among others.
+
+    What is not described has its default.
+
+    Raises
+    ------
+    SettingError
+        When a value is not allowed.
+    """
+    values = {}
+    for one, setting in list_settings(record):
+        if setting.name is None or setting.name not in described:
+            continue
+        value = described[setting.name]
+        if isinstance(value, list):
+            value = tuple(value)
+        # A word that the type does not have stands for None.
+        values[one.name] = (
+            None if _is_word(value, setting) and not matches(value, one.type) else value
+        )
+    return record(**values)
+
+
 def show_settings(record: Any) -> dict[str, Any]:
     """Return all settings of a record by the names of its fields; shares in percent."""
     return {

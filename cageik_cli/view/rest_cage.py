@@ -1,25 +1,32 @@
 """The rest cage of a model, edited in a page: sent, read back, checked, solved and written.
 
-Checks and weights are computed in a subprocess, which can be ended: a check that takes too long is,
-and a new process is started with the next.
+The cage of a result can also be extracted in again (`result_cage`). Checks, repairs and weights are
+computed in a subprocess, which can be ended: a check that takes too long is, and a new process is
+started with the next.
 """
 
 import json
 import threading
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from cageik_cli.cages.bind import bind
 from cageik_cli.cages.check.diagnosis import diagnose
+from cageik_cli.cages.check.enclosure import locate_vertices
 from cageik_cli.cages.check.faults import Finding
+from cageik_cli.cages.check.misfit import Misfit
+from cageik_cli.cages.repair.repair import Repair, repair_cage
+from cageik_cli.cages.surface_points import sample_surface
 from cageik_cli.formats.base.mesh_data import FileMesh, LoadedMesh
 from cageik_cli.formats.find_files import Source
 from cageik_cli.formats.write import check_mesh_output, write_mesh
 from cageik_cli.geometry.mesh import MAX_COORDINATE, TriMesh
 from cageik_cli.geometry.mirror import find_mirror
+from cageik_cli.geometry.shape import bounds_volume
 from cageik_cli.inputs.caged_model import CagedModel
 from cageik_cli.inputs.scene import CommonScene
 from cageik_cli.inputs.source import holds_caged_model, load_surface
@@ -27,31 +34,39 @@ from cageik_cli.inputs.weights import BUILT_CAGE
 from cageik_cli.method.pose.constraints import MAX_ASYMMETRY
 from cageik_cli.method.weights.binding import Binding
 from cageik_cli.method.weights.settings import BindSettings
+from cageik_cli.report.figures import describe_length, format_briefly
 from cageik_cli.report.vocabulary import CAGE_VERDICT_WORDS
 from cageik_cli.run.settings import ViewSettings
+from cageik_cli.store.binding_file import is_binding
+from cageik_cli.store.result import Result, read_animation
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import (
     BusyError,
+    CageError,
     CageikError,
     FormatError,
     SettingError,
     SlowError,
     error_context,
+    join_truncated,
 )
-from cageik_cli.util.json_files import JsonFormat, format_value, parse_json
+from cageik_cli.util.json_files import JsonFormat, format_value
 from cageik_cli.util.messages import Hint, Said, Spelling, spell, spell_keyword
 from cageik_cli.util.outputs import check_no_overlap, check_writable
 from cageik_cli.util.processes import Subprocess, SubprocessError
 from cageik_cli.util.progress import ProgressListener, note_all
-from cageik_cli.util.text import format_count
+from cageik_cli.util.text import format_count, to_unicode
 from cageik_cli.view.player.clip import PlayerClip, make_single_pose
 from cageik_cli.view.player.section import (
     check_drawn_weights,
+    choose_vertices,
     pack_weights,
     render_rest_cage_page,
 )
+from cageik_cli.view.result_cage import ExtractAgain, find_focus
+from cageik_cli.view.saved_names import NewFiles
 from cageik_cli.view.server import MAX_SUBMITTED_BYTES, Edit, Rows
-from cageik_cli.view.session import PageSession, WatchedInput
+from cageik_cli.view.session import PageSession, WatchedInput, check_new_name, parse_object
 
 MAX_CHECK_SECONDS = 20.0
 """A check that takes longer is ended: one of a usual cage takes less than a second."""
@@ -59,8 +74,30 @@ MAX_CHECK_SECONDS = 20.0
 MAX_WEIGHTS_SECONDS = 300.0
 """The same of weights."""
 
-MAX_SHOWN_ELEMENTS = 200
-"""Faulty elements of one finding that are sent to be drawn; its sentence counts all."""
+MAX_REPAIR_SECONDS = 120.0
+"""The same of a repair."""
+
+MAX_SHOWN_ELEMENTS = 10_000
+"""Faulty elements of one finding that are sent to be drawn: all that a cage has of one kind, and
+what anybody sees of a model. Its sentence counts all."""
+
+REPAIR = ", or Repair"
+
+PAGE_ADVICE = {
+    "repeated-vertex": "choose the face and Delete" + REPAIR,
+    "degenerate-face": "Turn the longest edge of the face, or Collapse a short one" + REPAIR,
+    "duplicate-face": "choose the face and Delete" + REPAIR,
+    "unreferenced-vertex": "choose it by number and Delete" + REPAIR,
+    "non-manifold-edge": "choose a face too many there, Linked and Delete" + REPAIR,
+    "open-edge": "Fill holes" + REPAIR,
+    "orientation": "Face outward" + REPAIR,
+    "pinched-vertex": "Separate there, then Linked and Delete the part too many" + REPAIR,
+    "self-intersection": "drag the red faces apart" + REPAIR,
+    "components": "choose a face of the part too many, Linked and Delete" + REPAIR,
+    "inward": "Face outward" + REPAIR,
+    "surface-crossing": "drag the faces there outward" + REPAIR,
+}
+"""What to do in the page about a fault, where it is."""
 
 Answer = dict[str, Any]
 
@@ -78,7 +115,12 @@ class RestCageSession(PageSession):
     """A model, and the cage around it that a page edits."""
 
     def __init__(
-        self, settings: ViewSettings, rest: LoadedMesh, cage: LoadedMesh, name: str
+        self,
+        settings: ViewSettings,
+        rest: LoadedMesh,
+        cage: LoadedMesh,
+        name: str,
+        result: Result | None = None,
     ) -> None:
         check_size(cage.mesh)
         super().__init__(settings)
@@ -88,11 +130,20 @@ class RestCageSession(PageSession):
             WatchedInput(Source.parse(path).file) for path in paths if path is not None
         ]
         self._clip = _make_clip(rest.mesh, cage.mesh, name)
+        self._again: ExtractAgain | None = None
+        if result is not None:
+            self._clip = show_errors(self._clip, result)
+            chosen, _ = choose_vertices(rest.mesh, self._clip.binding.cage)
+            self._again = ExtractAgain(result, settings, chosen)
+            self.jobs["extract"] = self.parse_again
+            self.answers["errors"] = self.compare
         origin, weights = self._clip.binding.cage.vertices.mean(axis=0), settings.weights
-        self.subprocess = CageSubprocess(rest.mesh, origin, weights.bind, weights.jobs)
-        self.answers = {"check": self.check, "weights": self.solve}
+        kept = KeptModel(rest.mesh, origin, weights.bind, weights.jobs, rest.scene.metres_per_unit)
+        self.subprocess = CageSubprocess(kept)
+        self.answers |= {"check": self.check, "weights": self.solve, "repair": self.repair}
+        self.offer_names([".obj", ".ply"])
 
-    def render_page(self) -> str:
+    def render_page(self, spelling: Spelling = spell_keyword) -> str:
         """Render the page, with the cage to begin with."""
         mirror = find_mirror(self._cage.vertices, MAX_ASYMMETRY)
         cage = encode_cage(
@@ -101,7 +152,12 @@ class RestCageSession(PageSession):
             most=MAX_EDITED_VERTICES,
             mirror=None if mirror is None else mirror.to_record(),
         )
-        return render_rest_cage_page(self._clip, "apply" if self.can_apply else "", cage)
+        session = self.describe()
+        if self._again is not None:
+            session["again"] = self._again.describe(spelling)
+        return render_rest_cage_page(
+            self._clip, "apply" if self.can_apply else "", cage, session=session
+        )
 
     def check(self, data: bytes, spelling: Spelling = spell_keyword) -> Answer:
         """Diagnose a cage that was sent, with what to do in the words of the reader."""
@@ -113,26 +169,60 @@ class RestCageSession(PageSession):
         check_drawn_weights(self._rest, cage)
         return self.subprocess.solve(cage)
 
+    def repair(self, data: bytes, _spelling: Spelling = spell_keyword) -> Answer:
+        """Repair a cage that was sent, as far as that is possible."""
+        return self.subprocess.repair(parse_cage(data))
+
+    def compare(self, data: bytes, _spelling: Spelling = spell_keyword) -> Answer:
+        """Return the errors of the result, and of the last extraction."""
+        parse_object(data, [], CAGE_FORMAT)
+        assert self._again is not None
+        return self._again.compare()
+
     def parse(self, data: bytes, rigidity: int) -> Edit:
         """Return what writes a cage that was sent."""
         if rigidity:
             raise FormatError("a rest cage has no rounds of rotations; leave rigidity out")
-        cage = parse_cage(data)
-        return lambda progress: self._write(cage, progress)
+        cage, output = parse_cage(data), self._get_output()
+        return lambda progress: self._write(cage, output, progress)
+
+    def parse_saved(self, data: bytes) -> Edit:
+        """Return what writes a cage that was sent to a new file."""
+        cage, output = parse_named_cage(data, self.new_files)
+        return lambda progress: self._write(cage, output, progress)
+
+    def parse_again(self, data: bytes) -> Edit:
+        """Return what extracts the result again in a cage that was sent."""
+        assert self._again is not None
+        cage, output = parse_named_cage(data, self._again.new_files)
+        return lambda progress: self._extract(cage, output, progress)
 
     def close(self) -> None:
         """End the process that checks."""
         self.subprocess.close()
 
-    def _write(self, cage: TriMesh, progress: ProgressListener) -> Rows:
+    def _extract(self, cage: TriMesh, output: Path, progress: ProgressListener) -> Rows:
+        """Extract the result again in a cage, and say what the errors were and are."""
+        assert self._again is not None
+        for watched in self._watched:
+            watched.check()
+        check_writable(output, overwrite=False)
+        rows, self.written = self._again.run(cage, self._keep_surface(cage), output, progress)
+        return rows
+
+    def _keep_surface(self, cage: TriMesh) -> TriMesh:
+        """Return a cage with what its file said of the surface, if vertices at most moved."""
+        is_moved = has_polygons_of(cage, self._cage)
+        return self._cage.move(cage.vertices) if is_moved else cage
+
+    def _write(self, cage: TriMesh, output: Path, progress: ProgressListener) -> Rows:
         """Write a cage, and say how it is judged."""
-        output = self._get_output()
         for watched in self._watched:
             watched.check()
         check_writable(output, self._own.may_replace(output))
         is_moved = has_polygons_of(cage, self._cage)
         with progress.stage("write"), self._own.guard():
-            kept = self._cage.move(cage.vertices) if is_moved else cage
+            kept = self._keep_surface(cage)
             write_mesh(output, kept, cage.vertices, self._own.may_replace(output), is_exact=True)
             self._own.record(output)
         self.written = (output,)
@@ -163,19 +253,44 @@ class RestCageSession(PageSession):
 def open_rest_cage(settings: ViewSettings, progress: ProgressListener) -> RestCageSession:
     """Read a model and its cage, which need not be fit; without one, a cage is built."""
     check_no_overlap(settings.outputs(), settings.inputs())
-    if holds_caged_model(settings.target):
-        raise SettingError(
-            f"{settings.target}: is a result or a binding, whose cage has weights; give its "
-            "model and " + Hint("cage", settings.target)
-        )
     if settings.output is not None:
         check_mesh_output(settings.output, settings.overwrite)
+    if holds_caged_model(settings.target):
+        with progress.stage("open"):
+            return _open_result(settings)
     with progress.stage("open"):
         rest = load_surface(settings.target, settings.exclude).mesh
         note_all(progress, rest.notes, rest.source["name"])
     cage, name = _open_cage(settings, rest, progress)
     with error_context(name):
         return RestCageSession(settings, rest, cage, name)
+
+
+def _open_result(settings: ViewSettings) -> RestCageSession:
+    """Open the cage of a result."""
+    if is_binding(settings.target):
+        raise SettingError(
+            f"{settings.target}: is a binding, whose cage has weights; give its model and "
+            + Hint("cage", settings.target)
+        )
+    result = read_animation(settings.target)
+    if not isinstance(result, Result):
+        raise SettingError(
+            f"{settings.target}: is an edit, which was not extracted from frames; give the result "
+            f"that it was made from, {result.edited_from}"
+        )
+    scene, cage = result.scene.space, result.sources.get("cage", {"name": BUILT_CAGE})
+    rest = LoadedMesh(result.rest, {"name": result.path.name}, scene=scene)
+    loaded = LoadedMesh(result.cage, {"name": str(cage["name"])}, scene=scene)
+    return RestCageSession(settings, rest, loaded, to_unicode(result.path.name), result)
+
+
+def show_errors(clip: PlayerClip, result: Result) -> PlayerClip:
+    """Return the clip of a rest pose with the errors of a result."""
+    percents = 100 * result.vertex_rms / (result.rest.diagonal or 1.0)
+    return replace(
+        clip, vertex_rms=percents, focus=find_focus(result), up_axis=result.scene.up_axis
+    )
 
 
 def _open_cage(
@@ -251,11 +366,24 @@ def parse_cage(data: bytes) -> TriMesh:
     FormatError
         When it is not {"vertices": [[x, y, z], …], "polygons": [[…], …]}, or too large.
     """
-    document = parse_json(data, CAGE_FORMAT)
-    if not isinstance(document, dict) or document.keys() != {"vertices", "polygons"}:
-        raise FormatError(
-            f"is {format_value(document)}, expected an object with `vertices` and `polygons` alone"
-        )
+    return make_cage(parse_object(data, ["vertices", "polygons"], CAGE_FORMAT))
+
+
+def parse_named_cage(data: bytes, new_files: NewFiles | None) -> tuple[TriMesh, Path]:
+    """Return the cage of a body, and the file of the name that was sent with it.
+
+    Raises
+    ------
+    FormatError, OutputError
+        As of `parse_cage` and `NewFiles.check`.
+    """
+    document = parse_object(data, ["vertices", "polygons", "name"], CAGE_FORMAT)
+    path = check_new_name(new_files, document)
+    return make_cage(document), path
+
+
+def make_cage(document: dict[str, Any]) -> TriMesh:
+    """Return the cage of vertices and polygons that were sent; raises as `parse_cage`."""
     vertices = _check_rows(document["vertices"], "vertices", MAX_EDITED_VERTICES)
     for k, vertex in enumerate(vertices):
         if len(vertex) != 3 or not all(map(_is_coordinate, vertex)):
@@ -306,10 +434,11 @@ def has_polygons_of(cage: TriMesh, other: TriMesh) -> bool:
     )
 
 
-class CageSubprocess:
-    """Checks cages around one model, and solves their weights, one at a time.
+@dataclass(frozen=True, slots=True, eq=False)
+class KeptModel:
+    """What all calls of the subprocess need.
 
-    Parameters
+    Attributes
     ----------
     rest : TriMesh
         The model.
@@ -317,20 +446,30 @@ class CageSubprocess:
         That of positions in the page, file units.
     jobs : int
         Threads.
+    metres_per_unit : float, optional
+        None if it is not known.
     """
 
-    def __init__(
-        self, rest: TriMesh, origin: Floats, bind_settings: BindSettings, jobs: int
-    ) -> None:
-        self._kept = rest, origin, bind_settings, jobs
+    rest: TriMesh
+    origin: Floats
+    bind: BindSettings
+    jobs: int
+    metres_per_unit: float | None = None
+
+
+class CageSubprocess:
+    """Checks and repairs cages around one model, and solves their weights, one at a time."""
+
+    def __init__(self, kept: KeptModel) -> None:
+        self._kept = kept
         self._lock = threading.Lock()
         self._process: Subprocess | None = None
 
     def check(self, cage: TriMesh, spelling: Spelling | None = spell_keyword) -> Answer:
         """Diagnose a cage as `cageik check` does: the verdict, and the findings with their places.
 
-        Settings that remedies name are written as `spelling` does; without it, they are left to who
-        shows the sentences.
+        Settings that remedies name are written as `spelling` does, and what the page can do is
+        advised; without it, the remedies are left to who shows the sentences.
 
         Raises
         ------
@@ -338,8 +477,23 @@ class CageSubprocess:
         """
         answer = self._run(_diagnose_cage, cage, "the check", MAX_CHECK_SECONDS)
         for found in answer["findings"]:
-            text: Said = f"{found.pop('message')}; " + found.pop("remedy")
+            message, remedy, advice = (found.pop(name) for name in ("message", "remedy", "advice"))
+            text: Said = f"{message}; " + (advice if advice and spelling else remedy)
             found["sentence"] = text if spelling is None else spell(text, spelling)
+        return answer
+
+    def repair(self, cage: TriMesh) -> Answer:
+        """Repair a cage as `cageik cage --repair` does, also if faults are left.
+
+        Raises
+        ------
+        BusyError, SlowError
+        CageikError
+            When nothing of it would be left, or too much.
+        """
+        answer = self._run(_repair_cage, cage, "the repair", MAX_REPAIR_SECONDS)
+        if "error" in answer:
+            raise CageikError(answer["error"])
         return answer
 
     def solve(self, cage: TriMesh) -> Answer:
@@ -370,7 +524,7 @@ class CageSubprocess:
         try:
             if self._process is None:
                 self._process = Subprocess()
-                self._process.call(_keep, *self._kept)
+                self._process.call(_keep, self._kept)
             return self._process.call(work, cage, seconds=seconds)
         except TimeoutError as error:
             self.close()
@@ -388,25 +542,79 @@ class CageSubprocess:
             self._lock.release()
 
 
-_kept: tuple[TriMesh, Floats, BindSettings, int]
-"""Of the subprocess of the server: what all its calls need."""
+_kept: KeptModel
+"""Of the subprocess of the server."""
 
 
-def _keep(*kept: Any) -> None:
+def _keep(kept: KeptModel) -> None:
     global _kept
     _kept = kept
 
 
 def _diagnose_cage(cage: TriMesh) -> Answer:
-    rest, _, _, jobs = _kept
-    diagnosis = diagnose(cage, rest, jobs)
+    kept = _kept
+    diagnosis = diagnose(cage, kept.rest, kept.jobs)
+    findings = [describe_finding(found, cage, kept.rest) for found in diagnosis.findings]
+    misfit = diagnosis.misfit
+    if misfit is None and (hidden := find_hidden_misfit(cage, kept.rest)):
+        found, misfit = hidden
+        findings.append(describe_finding(found, cage, kept.rest))
+    for one in findings:
+        if one["kind"] == "outside" and misfit is not None:
+            one |= advise_on_misfit(misfit, kept)
     return {
         "verdict": diagnosis.verdict,
         "verdict_word": CAGE_VERDICT_WORDS[diagnosis.verdict],
         "cage": f"{format_count(len(cage.vertices), 'vertex')}, "
         f"{format_count(len(cage.polygons.corner_counts), 'face')}",
-        "findings": [describe_finding(found, cage, rest) for found in diagnosis.findings],
+        "findings": findings,
     }
+
+
+def find_hidden_misfit(cage: TriMesh, rest: TriMesh) -> tuple[Finding, Misfit] | None:
+    """Find what is outside a cage whose other faults hide it: holes, or faces that are turned.
+
+    It is what is outside once these are mended; nothing is moved.
+    """
+    if bounds_volume(cage) or rest.diagonal <= 0:
+        return None
+    repair = Repair(cage.fan_triangulated, None)
+    try:
+        repair.tidy_faces(sample_surface(rest))
+    except CageError:
+        return None  # nothing of the cage is left
+    closed = repair.mesh.triangles
+    if not bounds_volume(closed):
+        return None
+    placement = locate_vertices(closed if closed.volume > 0 else closed.flip(), rest)
+    if not len(placement.outside_indices):
+        return None
+    misfit, origins = placement.explain(), repair.origins
+    dents = [replace(dent, vertex=int(origins[dent.vertex])) for dent in misfit.dents]
+    known = tuple(dent for dent in dents if dent.vertex >= 0)
+    found = placement.find_outside(misfit.remedy)
+    message = f"when its faces are mended, {found.message}"
+    return replace(found, message=message), replace(misfit, dents=known)
+
+
+def advise_on_misfit(misfit: Misfit, kept: KeptModel) -> Answer:
+    """Return what to do in the page about vertices outside, and which cage vertices to drag."""
+    drag, diagonal = [dent.vertex for dent in misfit.dents], kept.rest.diagonal
+    if misfit.dents:
+        first = misfit.dents[0]
+        length = f"{format_briefly(100 * first.depth / diagonal)} % of the diagonal"
+        if kept.metres_per_unit is not None:
+            length = describe_length(first.depth, kept.metres_per_unit)
+        others = "" if len(drag) == 1 else f", and {join_truncated(drag[1:])} less"
+        it = "it" if len(drag) == 1 else "them"
+        advice = f"{first.describe(length)}{others}: drag {it} out{REPAIR}"
+    elif misfit.inflation is not None:
+        advice = f"the cage is too small all over: Inflate by {misfit.inflation:g} %{REPAIR}"
+    elif misfit.is_repairable and misfit.transform is None:
+        advice = f"drag the cage out where the model is outside{REPAIR}"
+    else:
+        return {}
+    return {"advice": advice, "vertices": drag}
 
 
 def describe_finding(found: Finding, cage: TriMesh, rest: TriMesh) -> Answer:
@@ -426,12 +634,28 @@ def describe_finding(found: Finding, cage: TriMesh, rest: TriMesh) -> Answer:
     elif found.elements:
         places[found.elements] = numbers[:MAX_SHOWN_ELEMENTS].tolist()
     texts = {name: getattr(found, name) for name in ("kind", "severity", "message", "remedy")}
-    return texts | places
+    return texts | places | {"advice": PAGE_ADVICE.get(found.kind, "")}
+
+
+def _repair_cage(cage: TriMesh) -> Answer:
+    counts = None if cage.attributes is None else cage.attributes.corner_counts
+    try:
+        repaired = repair_cage(cage.fan_triangulated, _kept.rest, counts)
+        check_size(repaired.cage)
+    except CageikError as error:
+        return {"error": error.text}
+    return {
+        "vertices": repaired.mesh.vertices.tolist(),
+        "polygons": [ring.tolist() for ring in repaired.mesh.rings],
+        "steps": [step.message for step in repaired.steps],
+        "is_fit": repaired.is_fit,
+    }
 
 
 def _solve_weights(cage: TriMesh) -> Answer:
-    rest, origin, settings, jobs = _kept
+    kept = _kept
     try:
-        return {"payload": pack_weights(bind(rest, cage, settings, jobs), origin)}
+        bound = bind(kept.rest, cage, kept.bind, kept.jobs)
+        return {"payload": pack_weights(bound, kept.origin)}
     except CageikError as error:
         return {"error": error.text}

@@ -82,19 +82,28 @@ def run_view(
     board = JobBoard()
     site = Site(
         secret=secrets.token_urlsafe(24),
-        page=session.render_page().encode(),
+        page=session.render_page(listener.spell_hint).encode(),
         board=board,
         parse=session.parse if session.can_apply else None,
         answers=session.answers,
         streams=session.streams,
+        jobs=session.jobs,
         spelling=listener.spell_hint,
     )
-    with closing(session), serve(site, port) as address:
+    with closing(session), serve(site, port, _prefer_port(session.key)) as address:
         listener.open(address)
         while True:
             edit = board.wait(wait_seconds)
             if edit is not None:
                 _run_edit(session, edit, board, listener)
+
+
+def _prefer_port(key: str) -> int:
+    """Return the port of a page: of the same files the same, as browsers keep what is not saved by
+    it.
+    """
+    first, count = 49152, 16384  # those that are nobody's (IANA)
+    return first + int(key[:8], 16) % count
 
 
 def _run_edit(session: PageSession, edit: Edit, board: JobBoard, listener: ViewListener) -> None:

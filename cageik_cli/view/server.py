@@ -9,6 +9,7 @@ bounded length, and must arrive within seconds.
     GET  /SECRET/status   a JSON object, the fields of `JobStatus`
     POST /SECRET/apply    {"handles": …, "cageEdits": …}, the content of such files or null;
                           `?rigidity=N` for N rounds. 202 with {"job": number}
+    POST /SECRET/save     the same with "name", of a new file beside what is viewed, and "rigidity"
 
     POST /SECRET/before   which frames of what was before; 200 with their bytes, see `before.py`
 
@@ -16,7 +17,11 @@ What a page that edits a rest cage sends is {"vertices": [[x, y, z], …], "poly
 
     POST /SECRET/check    200 with the verdict and the findings
     POST /SECRET/weights  200 with the weights, packed
+    POST /SECRET/repair   200 with a cage that is repaired
     POST /SECRET/apply    the cage that is written. 202 as above
+    POST /SECRET/save     the same with "name"
+    POST /SECRET/extract  the cage in which a result is extracted again, with "name". 202 as above
+    POST /SECRET/errors   {}. 200 with the errors of the result, before and after
 
 A refusal is a JSON object, {"error": text}: 400 and 422 for what was sent, 403 for who asks, 404,
 408 for a body that is too slow, 409 while another edit or check runs or there is nothing to write,
@@ -33,7 +38,7 @@ import threading
 import time
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from hmac import compare_digest
@@ -123,6 +128,8 @@ class Site:
         Writes the settings that texts name, as who reads the page types them.
     streams : dict of str to (int, callable)
         What else: the largest body, and the stream of bytes that answers one.
+    jobs : dict of str to callable
+        What else may be sent that writes files: makes an edit of a body.
     """
 
     secret: str
@@ -132,6 +139,7 @@ class Site:
     answers: Mapping[str, Callable[[bytes, Spelling], Any]] = field(default_factory=dict)
     spelling: Spelling = spell_keyword
     streams: Mapping[str, tuple[int, Callable[[bytes], Stream]]] = field(default_factory=dict)
+    jobs: Mapping[str, Callable[[bytes], "Edit"]] = field(default_factory=dict)
     _turns: dict[str, threading.Lock] = field(
         default_factory=lambda: defaultdict(threading.Lock), init=False
     )
@@ -166,7 +174,7 @@ class JobStatus:
     state : str
         "idle" before the first edit, then "running", "done" or "failed".
     stage : str
-        What it does: "open", "pose", "edit" or "write".
+        What it does, such as "open", "pose" or "write".
     done, total : int
         Frames of that.
     rows : tuple of (label, text)
@@ -250,8 +258,9 @@ class RequestHandler(BaseHTTPRequestHandler):
     def do_POST(self) -> None:
         """Take an edit, or what else the page sends."""
         others = {name: partial(self._send_answer, name) for name in self.site.answers}
+        jobs = {name: partial(self._start_job, name) for name in self.site.jobs}
         streams = {name: partial(self._send_stream, name) for name in self.site.streams}
-        self._answer({"apply": self._apply, **others, **streams})
+        self._answer({"apply": self._apply, **jobs, **others, **streams})
 
     def send_error(self, code: int, message: str | None = None, explain: str | None = None) -> None:
         """Send a refusal as JSON."""
@@ -307,12 +316,22 @@ class RequestHandler(BaseHTTPRequestHandler):
                 HTTPStatus.CONFLICT,
                 "there is no file to write; start cageik view again with an output",
             )
-        rigidity, data = _parse_rigidity(query), self._read_body()
-        with self.site.take_turn("apply"):
+        parse, rigidity = self.site.parse, _parse_rigidity(query)
+        self._submit(lambda data: parse(data, rigidity))
+
+    def _start_job(self, name: str, query: str) -> None:
+        """Take what writes files."""
+        _refuse_query(query)
+        self._submit(self.site.jobs[name])
+
+    def _submit(self, parse: Callable[[bytes], "Edit"]) -> None:
+        """Put what a body asks for on the board."""
+        data = self._read_body()
+        with self.site.take_turn("job"):
             if self.site.board.status.state == "running":
                 raise make_busy_error()
             try:
-                edit = self.site.parse(data, rigidity)
+                edit = parse(data)
             except CageikError as error:
                 text = spell(error.text, self.site.spelling)
                 raise RefusedRequestError(HTTPStatus.UNPROCESSABLE_ENTITY, text) from error
@@ -323,8 +342,7 @@ class RequestHandler(BaseHTTPRequestHandler):
 
     def _send_answer(self, name: str, query: str) -> None:
         """Send the answer to a body."""
-        if query:
-            raise RefusedRequestError(HTTPStatus.BAD_REQUEST, "expected no query")
+        _refuse_query(query)
         data = self._read_body()
         try:
             with self.site.take_turn(name):
@@ -340,8 +358,7 @@ class RequestHandler(BaseHTTPRequestHandler):
 
     def _send_stream(self, name: str, query: str) -> None:
         """Send the stream that answers a body; a second one waits for its turn."""
-        if query:
-            raise RefusedRequestError(HTTPStatus.BAD_REQUEST, "expected no query")
+        _refuse_query(query)
         most, make = self.site.streams[name]
         data = self._read_body(most)
         with self.site.take_turn(name):
@@ -426,6 +443,11 @@ class _DeadlineReader(io.RawIOBase):
         return self._connection.recv_into(buffer)
 
 
+def _refuse_query(query: str) -> None:
+    if query:
+        raise RefusedRequestError(HTTPStatus.BAD_REQUEST, "expected no query")
+
+
 def _parse_rigidity(query: str) -> int:
     """Return the rounds that a query names; 0 if it names none."""
     if not query:
@@ -471,18 +493,27 @@ class _Server(ThreadingHTTPServer):
         """Say nothing: the client is gone or too slow."""
 
 
+def _bind(handler: type[RequestHandler], port: int, preferred: int) -> _Server:
+    if preferred and not port:
+        with suppress(OSError):
+            return _Server((HOST, preferred), handler)
+    return _Server((HOST, port), handler)
+
+
 @contextmanager
-def serve(site: Site, port: int) -> Iterator[str]:
+def serve(site: Site, port: int, preferred: int = 0) -> Iterator[str]:
     """Serve a site in threads while the block runs, and yield its address.
 
     Parameters
     ----------
     port : int
         0 for any that is free.
+    preferred : int
+        Which of these if it is free; 0 for any.
     """
     handler = type("SiteHandler", (RequestHandler,), {"site": site})
     try:
-        server = _Server((HOST, port), handler)
+        server = _bind(handler, port, preferred)
     except OSError as error:
         raise SettingError(
             f"port {port}: cannot be used ({error.strerror or error}); "

@@ -3,9 +3,10 @@
 What others do meanwhile to the files that the page reads and writes is noticed.
 """
 
+import hashlib
 import json
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import replace
 from functools import partial
@@ -17,6 +18,7 @@ from cageik_cli.editing.handles.model import Handles, PosedSurface
 from cageik_cli.editing.handles.placement import place_handles
 from cageik_cli.editing.handles.reader import MAX_HANDLES_BYTES, describe_location, parse_handles
 from cageik_cli.editing.summary import PoseResult
+from cageik_cli.formats.base.files import hash_file
 from cageik_cli.formats.base.hdf5 import check_hdf5_suffix
 from cageik_cli.formats.find_files import Source
 from cageik_cli.formats.write import check_mesh_output, write_mesh
@@ -42,9 +44,10 @@ from cageik_cli.util.errors import (
 )
 from cageik_cli.util.files import Mark, mark_file
 from cageik_cli.util.json_files import JsonFormat, Steps, format_value, parse_json
-from cageik_cli.util.messages import Spelling
+from cageik_cli.util.messages import Spelling, spell_keyword
 from cageik_cli.util.outputs import check_no_overlap, check_writable, replace_only, write_bytes
 from cageik_cli.util.progress import ProgressListener
+from cageik_cli.util.text import to_unicode
 from cageik_cli.view.before import MAX_ASKED_BYTES, BeforeFrames, list_before
 from cageik_cli.view.player.clip import (
     UNNAMED_CAGE,
@@ -53,7 +56,8 @@ from cageik_cli.view.player.clip import (
     require_player_clip,
 )
 from cageik_cli.view.player.section import render_view_page
-from cageik_cli.view.server import MAX_SUBMITTED_BYTES, Edit, Rows, Stream
+from cageik_cli.view.saved_names import NewFiles
+from cageik_cli.view.server import MAX_RIGIDITY, MAX_SUBMITTED_BYTES, Edit, Rows, Stream
 
 
 class PageSession(ABC):
@@ -65,6 +69,10 @@ class PageSession(ABC):
         What else than an edit the page may send, and the answer to it; see `Site`.
     streams : dict of str to (int, callable)
         What else it may ask for; see `Site`.
+    jobs : dict of str to callable
+        What else the page may send that writes files; see `Site`.
+    key : str
+        A digest of the files that are viewed, by which the page knows them again.
     written : tuple of Path
         What the last edit wrote.
     """
@@ -73,6 +81,9 @@ class PageSession(ABC):
         self.settings = settings
         self.answers: dict[str, Callable[[bytes, Spelling], Any]] = {}
         self.streams: dict[str, tuple[int, Callable[[bytes], Stream]]] = {}
+        self.jobs: dict[str, Callable[[bytes], Edit]] = {}
+        self.key = _hash_inputs(settings)
+        self.new_files: NewFiles | None = None
         self.written: tuple[Path, ...] = ()
         self._own = OwnOutputs(settings.overwrite)
 
@@ -81,13 +92,39 @@ class PageSession(ABC):
         """Whether an edit can be applied: there is a file to write."""
         return self.settings.output is not None
 
+    @property
+    def viewed(self) -> Path:
+        """The file that is viewed."""
+        return Source.parse(self.settings.target).file
+
+    def offer_names(self, suffixes: Sequence[str]) -> None:
+        """Let the page save to new files, unless an output was given."""
+        if not self.can_apply:
+            self.new_files = NewFiles(self.viewed, suffixes)
+            self.jobs["save"] = self.parse_saved
+
+    def describe(self) -> dict[str, Any]:
+        """Return what the page has to know of the session: its key, and what it saves where."""
+        saved, own = self.new_files, self.settings
+        return {
+            "key": self.key,
+            "beside": to_unicode(self.viewed.name),
+            "save": None if saved is None else saved.propose(),
+            "keepsHandles": own.handles_output is not None,
+            "keepsCageEdits": own.cage_edits_output is not None,
+        }
+
     @abstractmethod
-    def render_page(self) -> str:
-        """Render the page."""
+    def render_page(self, spelling: Spelling = spell_keyword) -> str:
+        """Render the page; settings that texts name are written as `spelling` does."""
 
     @abstractmethod
     def parse(self, data: bytes, rigidity: int) -> Edit:
         """Return the edit that was sent, with rounds of rigid rotations."""
+
+    @abstractmethod
+    def parse_saved(self, data: bytes) -> Edit:
+        """Return what writes an edit that was sent to a new file, whose name is sent with it."""
 
     def close(self) -> None:  # noqa: B027
         """End what runs beside the page."""
@@ -97,6 +134,14 @@ class PageSession(ABC):
         if self.settings.output is None:
             raise SettingError("there is no file to write; start cageik view again with an output")
         return self.settings.output
+
+
+def _hash_inputs(settings: ViewSettings) -> str:
+    """Return a digest of the files that are viewed: of their content, wherever they are."""
+    given = (settings.target, settings.cage, settings.binding)
+    sources = [Source.parse(path) for path in given if path is not None]
+    parts = [(hash_file(source.file).hex(), source.member) for source in sources]
+    return hashlib.sha256(repr(parts).encode()).hexdigest()
 
 
 class ViewSession(PageSession):
@@ -122,7 +167,7 @@ class ViewSession(PageSession):
         self.clip, self.words = clip, words
         self.first_handles = self.first_cage_edits = ""
 
-    def render_page(self) -> str:
+    def render_page(self, _spelling: Spelling = spell_keyword) -> str:
         """Render the page."""
         return render_view_page(
             self.clip,
@@ -130,6 +175,7 @@ class ViewSession(PageSession):
             handles=self.first_handles,
             cage_edits=self.first_cage_edits,
             words=self.words,
+            session=self.describe(),
         )
 
     def begin_with(self, files: EditFiles) -> None:
@@ -150,16 +196,44 @@ class ViewSession(PageSession):
         """
         own = self.settings
         files = parse_submitted(data, own.handles_output, own.cage_edits_output)
-        return partial(self._apply, files, PosingSettings(rigidity=rigidity))
+        self._get_output()
+        return partial(self._apply, files, PosingSettings(rigidity=rigidity), own)
 
-    def _apply(self, files: EditFiles, posing: PosingSettings, progress: ProgressListener) -> Rows:
+    def parse_saved(self, data: bytes) -> Edit:
+        """Return what writes an edit that was sent to a new file.
+
+        Parameters
+        ----------
+        data : bytes
+            As of `parse`, with `name`, that of the file, and `rigidity`.
+        """
+        document = parse_object(data, [*SUBMITTED_FILES, "rigidity", "name"], SUBMITTED_FORMAT)
+        rigidity, path = document.pop("rigidity"), check_new_name(self.new_files, document)
+        if (
+            not isinstance(rigidity, int)
+            or isinstance(rigidity, bool)
+            or not (0 <= rigidity <= MAX_RIGIDITY)
+        ):
+            raise FormatError(
+                f"rigidity: is {format_value(rigidity)}, expected a whole number up to "
+                f"{MAX_RIGIDITY}"
+            )
+        files = parse_files(split_files(document))
+        outputs = ViewSettings(self.settings.target, output=path)
+        return partial(self._apply, files, PosingSettings(rigidity=rigidity), outputs)
+
+    def _apply(
+        self,
+        files: EditFiles,
+        posing: PosingSettings,
+        own: ViewSettings,
+        progress: ProgressListener,
+    ) -> Rows:
         """Apply an edit and write the outputs; the files of the edit are written last."""
-        output = self._get_output()
-        for path in self.settings.outputs():
+        for path in own.outputs():
             check_writable(path, self._own.may_replace(path))
-        own = self.settings
-        with self._name_replaced(), self._own.guard():
-            result = self._solve(files, posing, output, progress)
+        with self._name_replaced(own.outputs()), self._own.guard():
+            result = self._solve(files, posing, own, progress)
             written = [path for path in (own.output, own.cage_output) if path is not None]
             self._save(own.handles_output, files.handles, written)
             self._save(own.cage_edits_output, files.cage_edits, written)
@@ -167,9 +241,9 @@ class ViewSession(PageSession):
         return format_pose_rows(result.summary)
 
     @contextmanager
-    def _name_replaced(self) -> Iterator[None]:
+    def _name_replaced(self, outputs: Sequence[Path]) -> Iterator[None]:
         """Let an error say which outputs are of this edit already, if others are not."""
-        marks = {path: mark_file(path) for path in self.settings.outputs()}
+        marks = {path: mark_file(path) for path in outputs}
         try:
             yield
         except BaseException as error:
@@ -198,9 +272,13 @@ class ViewSession(PageSession):
 
     @abstractmethod
     def _solve(
-        self, files: EditFiles, posing: PosingSettings, output: Path, progress: ProgressListener
+        self,
+        files: EditFiles,
+        posing: PosingSettings,
+        own: ViewSettings,
+        progress: ProgressListener,
     ) -> PoseResult:
-        """Solve, and write all but the files of the edit."""
+        """Solve, and write the outputs of some settings, all but the files of the edit."""
 
 
 SUBMITTED_FILES = {"handles": "handles", "cageEdits": "cage edits"}
@@ -242,7 +320,13 @@ def parse_submitted(data: bytes, handles: Path | None, cage_edits: Path | None) 
     FormatError, HandlesError
         When it is no JSON object of handles and cage edits; the message says where.
     """
-    sent = split_submitted(data)
+    return parse_files(split_submitted(data), handles, cage_edits)
+
+
+def parse_files(
+    sent: dict[str, bytes | None], handles: Path | None = None, cage_edits: Path | None = None
+) -> EditFiles:
+    """Return the edit of the files that were sent; raises as `parse_submitted`."""
     found_handles = found_edits = None
     if (text := sent["handles"]) is not None:
         found_handles = parse_handles(handles or Path("handles of the page"), text)
@@ -260,12 +344,33 @@ def split_submitted(data: bytes) -> dict[str, bytes | None]:
         When it is not a JSON object of these fields, one of which is not null, or a file is larger
         than what is read.
     """
-    document = parse_json(data, SUBMITTED_FORMAT)
-    if not isinstance(document, dict) or set(document) != set(SUBMITTED_FILES):
+    return split_files(parse_object(data, list(SUBMITTED_FILES), SUBMITTED_FORMAT))
+
+
+def parse_object(data: bytes, fields: Sequence[str], expected: JsonFormat) -> dict[str, Any]:
+    """Return the object of a body that has these fields alone.
+
+    Raises
+    ------
+    FormatError
+    """
+    document = parse_json(data, expected)
+    if not isinstance(document, dict) or document.keys() != set(fields):
+        listed = " and ".join(filter(None, [", ".join(fields[:-1]), *fields[-1:]])) or "nothing"
         raise FormatError(
-            f"is {format_value(document)}, expected an object of handles and cageEdits; load the "
-            "page again"
+            f"is {format_value(document)}, expected an object of {listed}; load the page again"
         )
+    return document
+
+
+def check_new_name(new_files: NewFiles | None, document: dict[str, Any]) -> Path:
+    """Take the name out of what was sent, and return its file; raises as `NewFiles.check`."""
+    assert new_files is not None
+    return new_files.check(document.pop("name"))
+
+
+def split_files(document: dict[str, Any]) -> dict[str, bytes | None]:
+    """Return the bytes of each file that was sent; raises as `split_submitted`."""
     if all(content is None for content in document.values()):
         raise FormatError("has neither handles nor cage edits; add some")
     files = {}
@@ -355,12 +460,18 @@ class _ResultSession(ViewSession):
         super().__init__(settings, clip, VOCABULARIES[result.FORMAT])
         self.streams = {"before": (MAX_ASKED_BYTES, BeforeFrames(result, clip).answer)}
         self._watched = watched
+        self.offer_names([".h5"])
 
     def _solve(
-        self, files: EditFiles, posing: PosingSettings, output: Path, progress: ProgressListener
+        self,
+        files: EditFiles,
+        posing: PosingSettings,
+        own: ViewSettings,
+        progress: ProgressListener,
     ) -> PoseResult:
         self._watched.check()
-        may_replace = self._own.may_replace(output)
+        assert own.output is not None
+        output, may_replace = own.output, self._own.may_replace(own.output)
         settings = EditSettings(self.settings.target, None, output, posing, may_replace)
         result = edit(settings, progress, files)
         self._own.record(output)
@@ -373,17 +484,24 @@ class _ModelSession(ViewSession):
     def __init__(self, settings: ViewSettings, clip: PlayerClip, binding: Binding) -> None:
         super().__init__(settings, clip)
         self._binding = binding
+        self.offer_names([".obj", ".ply"])
 
     def _solve(
-        self, files: EditFiles, posing: PosingSettings, output: Path, progress: ProgressListener
+        self,
+        files: EditFiles,
+        posing: PosingSettings,
+        own: ViewSettings,
+        progress: ProgressListener,
     ) -> PoseResult:
+        assert own.output is not None
+        output = own.output
         with progress.stage("pose"):
             posed = pose_model(self._binding, files, posing, progress)
         with progress.stage("write"):
             rest, cage = self._binding.rest, self._binding.cage
             write_mesh(output, rest, posed.snapshot.after, self._own.may_replace(output))
             self._own.record(output)
-            path = self.settings.cage_output
+            path = own.cage_output
             if path is not None:
                 write_mesh(path, cage, posed.snapshot.cage_after, self._own.may_replace(path))
                 self._own.record(path)

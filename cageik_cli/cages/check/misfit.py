@@ -164,7 +164,8 @@ def find_dents(
         than one of `MIN_VERTICES_PER_DENT`.
     """
     most = min(MAX_DENT_VERTICES, max(1, len(cage.vertices) // MIN_VERTICES_PER_DENT))
-    corners, left, found = cage.faces[faces], np.ones(len(faces), bool), []
+    corners, left = cage.faces[faces], np.ones(len(faces), bool)
+    found: list[tuple[int, float]] = []
     while left.any():
         if len(found) == most:
             return ()

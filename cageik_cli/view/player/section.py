@@ -4,6 +4,7 @@ Large models are drawn coarser. The bar of time shows, as paths of an SVG, how f
 is.
 """
 
+import json
 import math
 from dataclasses import replace
 from itertools import pairwise
@@ -70,13 +71,13 @@ MODES = {"look": "Look", "pose": "Pose", "cage": "Cage", "influence": "Influence
 BEFORE_WORDS = {"input": "input", "unedited": "before the edit", "live": "without my edits"}
 """What the mesh that is shown can be compared with."""
 
-PANELS = ("pose", "cage", "influence", "look", "parts")
+PANELS = ("pose", "cage", "influence", "save", "look", "parts")
 """Groups of the side panel, from top to bottom: names of templates."""
 
-SERVED_SCRIPTS = ("apply", "frames")
-"""Scripts that are added for a page with a server: only these send anything."""
+SESSION_SCRIPTS = ("apply", "session")
+"""Scripts that are added for a page that is served."""
 
-REST_SCRIPTS = ("apply", "cage_mesh", "rest_mode")
+REST_SCRIPTS = ("cage_mesh", "rest_mode", *SESSION_SCRIPTS)
 """Scripts that are added for the page of a rest cage."""
 
 POSE_SCRIPTS = (
@@ -97,7 +98,7 @@ POSE_SCRIPTS = (
 REST_MODES = {"look": "Look", "rest": "Rest cage"}
 """What pointers on the picture of that page can do."""
 
-REST_PANELS = ("rest", "look", "parts")
+REST_PANELS = ("rest", "save", "look", "parts")
 """Groups of the side panel of that page."""
 
 
@@ -144,6 +145,8 @@ def build_player_values(clip: PlayerClip, apply_url: str = "") -> dict[str, Any]
         "modes": MODES,
         "mode": "look" if clip.frames else "pose",
         "is_app": False,
+        "is_served": False,
+        "is_again": False,
         "timeline": build_timeline(clip),
         "has": list_features(clip),
         "before": {kind: BEFORE_WORDS[kind] for kind in list_before_kinds(clip)},
@@ -178,6 +181,7 @@ def render_view_page(
     handles: str = "",
     cage_edits: str = "",
     words: Vocabulary = EXTRACTION_VOCABULARY,
+    session: dict[str, Any] | None = None,
 ) -> str:
     """Render a page that plays a clip and poses its model; the same text for the same arguments.
 
@@ -190,19 +194,28 @@ def render_view_page(
         The texts of such files that the page begins with, which have to be JSON; "" for none.
     words : Vocabulary
         Those for the kind of clip.
+    session : dict, optional
+        What a page that is served has to know, see `PageSession.describe`.
     """
     *scripts, start = PLAYER_SCRIPTS
+    added = ("apply", "frames") if session is None else (*SESSION_SCRIPTS, "frames")
     values = build_player_values(clip, apply_url)
     values |= {"is_app": True, "title": clip.title or "Model in its cage"}
+    values |= {"is_served": session is not None}
     return VIEW_TEMPLATES.render_page(
         "view.html.j2",
-        player=render_player(values, (*scripts, *SERVED_SCRIPTS, start), words),
+        player=render_player(values, (*scripts, *added, start), words),
         title=clip.title,
-        is_connected=bool(apply_url or clip.before),
-        # In JSON, "<" is only in strings; so written, it cannot end the element that holds it.
-        handles=handles.replace("<", "\\u003c"),
-        cage_edits=cage_edits.replace("<", "\\u003c"),
+        is_connected=session is not None or bool(apply_url or clip.before),
+        handles=_embed(handles),
+        cage_edits=_embed(cage_edits),
+        session=_embed(json.dumps(session) if session else ""),
     )
+
+
+def _embed(text: str) -> str:
+    """Return JSON that cannot end the element that holds it: in it, "<" is only in strings."""
+    return text.replace("<", "\\u003c")
 
 
 def render_player_page(result: StoredAnimation) -> str:
@@ -221,7 +234,9 @@ def render_player_page(result: StoredAnimation) -> str:
     )
 
 
-def render_rest_cage_page(clip: PlayerClip, apply_url: str, cage: str) -> str:
+def render_rest_cage_page(
+    clip: PlayerClip, apply_url: str, cage: str, session: dict[str, Any]
+) -> str:
     """Render the page of a model whose rest cage is edited.
 
     Parameters
@@ -232,11 +247,15 @@ def render_rest_cage_page(clip: PlayerClip, apply_url: str, cage: str) -> str:
         Where the page sends the cage that is to be written; "" if it cannot be.
     cage : str
         The JSON of the cage to begin with.
+    session : dict
+        As of `render_view_page`, and under `again` what is known of an extraction, if it is the
+        cage of a result.
     """
     *scripts, start = (name for name in PLAYER_SCRIPTS if name not in POSE_SCRIPTS)
     values = build_player_values(clip, apply_url)
     values |= {"is_app": True, "title": clip.title, "mode": "rest"}
-    values |= {"panels": REST_PANELS, "modes": REST_MODES, "before": {}}
+    values |= {"panels": REST_PANELS, "modes": REST_MODES, "is_served": True, "before": {}}
+    values |= {"is_again": "again" in session}
     return VIEW_TEMPLATES.render_page(
         "view.html.j2",
         player=render_player(values, (*scripts, *REST_SCRIPTS, start)),
@@ -244,8 +263,8 @@ def render_rest_cage_page(clip: PlayerClip, apply_url: str, cage: str) -> str:
         is_connected=True,  # checks and weights are asked for
         handles="",
         cage_edits="",
-        # In JSON, "<" is only in strings; so written, it cannot end the element that holds it.
-        rest_cage=cage.replace("<", "\\u003c"),
+        rest_cage=_embed(cage),
+        session=_embed(json.dumps(session)),
     )
 
 

@@ -8,10 +8,12 @@ async function ask(url, options) {
   return value;
 }
 
+// Sends a text of JSON.
+const post = (url, body) => ask(url, { method: "POST", headers: { "Content-Type": "application/json" }, body });
+
 // Applies an edit, { handles, cageEdits }, by some rounds, as `followJob`.
 async function applyEdit(url, sent, rounds, tell) {
-  const options = { method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify(sent) };
-  return followJob(await ask(`${url}?rigidity=${rounds}`, options), tell);
+  return followJob(await post(`${url}?rigidity=${rounds}`, JSON.stringify(sent)), tell);
 }
 
 // Waits for the end of a job; `tell` gets a line of progress, and the last line is returned.
@@ -34,7 +36,8 @@ extensions.push((stage) => {
     on(button, "click", async () => {
       const tell = (text) => { editor.complaint = text; stage.request(); };
       const sent = { handles: listSets(editor.file)[0].handles.length ? editor.file : null, cageEdits: editor.actingCageFile };
-      await applyEdit(applyUrl, sent, editor.rounds, tell).then(tell, (error) => tell(error.message));
+      const parts = stage.keeper?.read();
+      await applyEdit(applyUrl, sent, editor.rounds, tell).then((text) => tell(text + (stage.keeper?.takeApplied(parts) ?? "")), (error) => tell(error.message));
     });
   }
   const begin = (name, mode, open) => {

@@ -31,8 +31,6 @@ function readFile(text, clip) {
   return file;
 }
 
-const isPoint = (value) => Array.isArray(value) && value.length === 3 && value.every((x) => typeof x === "number" && abs(x) <= 1e50);
-
 function checkSet(set, clip, where) {
   if (!Array.isArray(set?.handles) || !set.handles.length) refuse(`${where}handles`, "expected a list of handles");
   checkSpan(set, clip, where);

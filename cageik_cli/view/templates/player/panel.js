@@ -3,6 +3,8 @@ function refuse(where, what) { throw new Error(`${where}: ${what}`); }
 
 const isIndex = (k, count) => Number.isInteger(k) && k >= 0 && k < count;
 
+const isPoint = (value) => Array.isArray(value) && value.length === 3 && value.every((x) => typeof x === "number" && abs(x) <= 1e50);
+
 // Refuses what is no number of a thing, of which there are so many.
 function checkNumber(k, count, where, thing, owner) {
   if (!isIndex(k, count)) refuse(where, `there is no ${thing} ${k}; the ${owner} has ${count}, numbered from 0 to ${count - 1}`);

@@ -5,7 +5,16 @@ const KINDS = ["vertices", "edges", "faces"], FAULT_PAINT = [0.85, 0.1, 0.1, 1],
 // JSON has a zero below zero, and JavaScript does not write it.
 const numberText = (x) => Object.is(x, -0) ? "-0.0" : String(x);
 
-const writeCage = ({ vertices, polygons }) => '{"vertices":[' + vertices.map((point) => "[" + point.map(numberText).join() + "]").join() + '],"polygons":' + JSON.stringify(polygons) + "}";
+// The text of a cage, and of the name of the file that it is for, if it has one.
+/** @param {CageMesh} mesh @param {string} [name] */
+const writeCage = ({ vertices, polygons }, name) => '{"vertices":[' + vertices.map((point) => "[" + point.map(numberText).join() + "]").join() + '],"polygons":' + JSON.stringify(polygons) + (name === undefined ? "" : `,"name":${JSON.stringify(name)}`) + "}";
+
+// Reads such a text; refuses what is no cage of so many vertices.
+function readCage(text, most) {
+  const { vertices, polygons } = JSON.parse(text), isCorner = (k) => isIndex(k, vertices.length);
+  if (!vertices?.every(isPoint) || vertices.length > most || !polygons?.every((polygon) => polygon?.length > 2 && polygon.every(isCorner))) refuse("cage", "expected vertices and polygons");
+  return new CageMesh(vertices, polygons);
+}
 
 // The cage, what of it is chosen, and what was undone.
 class CageEditor extends Past {
@@ -136,12 +145,12 @@ class CageService {
   constructor(tell) { Object.assign(this, { tell, queue: Promise.resolve(), waiting: null, verdict: null, solved: null, error: "" }); }
 
   // Sends a cage; while the program is busy for another page, it is sent again.
-  async send(path, mesh) {
+  async send(path, mesh, name) {
     for (;;) {
       try {
-        return await ask(path, { method: "POST", headers: { "Content-Type": "application/json" }, body: writeCage(mesh) });
+        return await post(path, writeCage(mesh, name));
       } catch (error) {
-        if (error.status !== 409 || path === "apply") throw error;
+        if (error.status !== 409 || !["check", "weights", "repair"].includes(path)) throw error;
         await new Promise((go) => setTimeout(go, STATUS_MILLISECONDS));
       }
     }
@@ -165,6 +174,14 @@ class CageService {
     });
   }
 
+  // Repairs a cage: `take` gets the mesh, and what was done.
+  repair(mesh, take) {
+    this.enqueue(async () => {
+      const { vertices, polygons, steps, is_fit } = await this.send("repair", mesh);
+      take(new CageMesh(vertices, polygons), `${steps.join("; ") || "nothing was to be repaired"}${is_fit ? "" : "; the rest is up to you"}`);
+    });
+  }
+
   enqueue(work) {
     this.isBusy = true;
     const last = this.queue = this.queue.then(work).then(() => { this.error = ""; }, (error) => { this.error = error.message; }).then(() => {
@@ -181,6 +198,16 @@ extensions.push((stage) => {
   const editor = stage.history = stage.cageEditor = new CageEditor(new CageMesh(vertices, polygons), most), panel = new Panel(stage, "rest", "rest-", editor);
   const service = stage.cageService = new CageService(() => stage.request(true));
   let trial = null, grip = null, box = null, picked = null, drawnEdges = null;
+
+  // What would be lost with the page.
+  stage.work = {
+    parts: () => ({ cage: writeCage(editor.mesh) }),
+    open({ cage }) {
+      editor.set(readCage(cage, most), "vertices", []);
+      changed();
+    },
+    send: (name) => service.send("save", editor.mesh, name),
+  };
 
   // The cage that is drawn: of a trial, or as it is edited.
   const shown = () => trial ?? editor.mesh;
@@ -308,7 +335,8 @@ extensions.push((stage) => {
         const paint = found.severity === "warning" ? WARNING_PAINT : FAULT_PAINT, [r, g, b] = paint, isPicked = found === picked;
         renderer.drawTriangles(corners(found.faces), [r, g, b, isPicked ? 0.6 : 0.35]);
         lines([...found.edges, ...found.faces.flatMap(sidesOf)], paint, isPicked ? 4 : 2.5);
-        dots([...found.vertices.map((k) => all[k]), ...found.points.map((point) => clip.fromFile(point))], paint, isPicked ? 13 : 9);
+        dots(found.points.map((point) => clip.fromFile(point)), paint, isPicked ? 8 : 5);
+        dots(found.vertices.map((k) => all[k]), paint, isPicked ? 15 : 11);
       }
       if (editor.kind === "faces") renderer.drawTriangles(corners(fansOf([...editor.chosen].map((k) => shown().polygons[k]))), [0.95, 0.5, 0.05, 0.4]);
       if (editor.kind !== "vertices") lines(editor.kind === "edges" ? [...editor.chosen].map((k) => shown().edges[k]) : [...editor.chosen].flatMap((k) => sidesOf(shown().polygons[k])), CHOSEN_PAINT, 3);
@@ -332,6 +360,8 @@ extensions.push((stage) => {
   const goTo = (found) => {
     const places = [...found.vertices, ...found.edges.flat(), ...found.faces.flat()].map((k) => points()[k]).concat(found.points.map((point) => clip.fromFile(point)));
     picked = picked === found ? null : found;
+    // What is to be dragged is chosen, so that it can be.
+    if (picked && found.kind === "outside" && found.vertices.length) editor.choose("vertices", found.vertices);
     if (!places.length) return;
     const [centre, radius] = enclose(places.flat());
     camera.frame(centre, max(radius, 0.15));
@@ -354,6 +384,15 @@ extensions.push((stage) => {
   panel.listen("inflate", () => editSides("inflate", panel.numberOf("amount") / 100 * diagonal, panel.find("along").value === "model" ? directionsFromModel(editor.mesh, stage, clip) : undefined));
   for (const kind of KINDS) panel.listen(kind, () => editor.turnTo(kind));
   panel.listen("solve", () => service.solve(editor.mesh));
+  panel.listen("repair", () => {
+    const before = editor.mesh;
+    service.repair(before, (mesh, done) => {
+      if (editor.mesh !== before) { editor.complaint = "the cage was edited while it was repaired; press Repair again"; return; }
+      editor.set(mesh, "vertices", []);
+      editor.complaint = done;
+      changed();
+    });
+  });
   panel.listen("try", (input) => { trial = input.checked ? editor.mesh : null; });
   panel.listen("list", (input) => editor.choose("vertices", parseVertices(input.value, editor.mesh.vertices.length)));
   panel.listenToPoint("", (k, value) => {
@@ -367,15 +406,74 @@ extensions.push((stage) => {
     changed();
   });
   on(panel.find("apply"), "click", async () => {
-    const tell = (text) => { editor.complaint = text; stage.request(); };
-    try { tell(await followJob(await service.send(applyUrl, editor.mesh), tell)); } catch (error) { tell(error.message); }
+    const tell = (text) => { editor.complaint = text; stage.request(); }, parts = stage.work.parts();
+    try {
+      tell(await followJob(await service.send(applyUrl, editor.mesh), tell));
+      stage.keeper.takeSaved(parts);
+    } catch (error) { tell(error.message); }
   });
   panel.find("apply").hidden = !applyUrl;
   panel.find("mirror").parentElement.hidden = !mirror;
   stage.modes.add(mode);
+  // The model may come out of the cage: both are seen.
+  stage.framed = () => [...points().flat(), ...stage.view.show === "cage" ? [] : stage.positions];
+  makeAgain(stage, panel);
   stage.listeners.push(() => showRest(panel, { service, stage, findings: findings(), goTo, picked, trial, solved: solved(), shown: shown() }));
   changed();
 });
+
+// Extracts the result, whose cage it is, again: bad places of the clip, a new file, and the errors before and after.
+/** @param {Stage} stage @param {Panel} panel */
+function makeAgain(stage, panel) {
+  const { cageEditor: editor, cageService: service, clip, camera } = stage, { again } = JSON.parse(document.getElementById("player-session").textContent);
+  if (!again) return;
+  const find = (name) => panel.find(name), list = find("places"), colours = stage.find("colours"), tell = (text) => panel.say("again-said", text);
+  let errors = null;
+  const showPlaces = (places) => list.replaceChildren(...places.map((place) => {
+    const item = makeElement("li"), centre = clip.fromFile(place.point);
+    item.append(makeButton(place.sentence, () => {
+      // The faces of the cage, as it is now, that are nearest.
+      const { mesh } = editor, awayOf = (k) => norm(minus(meanPoint(mesh.polygons[k].map((corner) => clip.fromFile(mesh.vertices[corner]))), centre));
+      editor.choose("faces", [...mesh.polygons.keys()].map((k) => [awayOf(k), k]).sort(([a], [b]) => a - b).slice(0, place.faces).map(([, k]) => k));
+      camera.frame(centre, place.size);
+      stage.request(true);
+    }));
+    return item;
+  }));
+  const showColours = (mode) => {
+    stage.view.colours = colours.value = mode;
+    stage.request(true);
+  };
+  // The colours of both have one scale.
+  const showErrors = () => {
+    const found = errors[find("which").value], top = found.rms.reduce((most, x) => max(most, x ?? 0), 0) || 1;
+    clip.arrays.rms = Uint16Array.from(found.rms, (x) => x === null ? 65535 : round(x / top * 65534));
+    clip.rms = { ...clip.rms, top };
+    showPlaces(found.places);
+    showColours("rms");
+  };
+  find("again-name").value = again.name;
+  panel.say("before", `${again.before.name}: ${again.before.text}`);
+  tell(again.problem);
+  showPlaces(again.places);
+  showColours("rms");
+  panel.listen("which", showErrors);
+  on(find("again"), "click", async () => {
+    const name = find("again-name"), { mesh } = editor, button = find("again");
+    button.disabled = true;
+    try {
+      const said = await followJob(await service.send("extract", mesh, name.value.trim()), tell);
+      errors = await post("errors", "{}");
+      name.value = nextName(name.value);
+      panel.say("after", `${errors.after.name}: ${errors.after.text}`);
+      Object.assign(find("which"), { value: "after" }).parentElement.hidden = false;
+      showErrors();
+      tell(said);
+      stage.keeper.takeSaved({ cage: writeCage(mesh) });
+    } catch (error) { tell(error.message); }
+    button.disabled = false;
+  });
+}
 
 // The first of triangles, each of three points, that a ray hits, from either side; -1 for none.
 function firstHit({ origin, direction }, triangles) {
@@ -419,7 +517,7 @@ function directionsFromModel(mesh, { positions }, clip) {
 function showRest(panel, { service, stage, findings, goTo, picked, trial, solved, shown }) {
   const { editor } = panel, { mesh, kind, chosen } = editor, find = (name) => panel.find(name);
   for (const one of KINDS) find(one).setAttribute("aria-pressed", one === kind);
-  panel.enable({ solve: !service.isBusy && !solved, try: solved });
+  panel.enable({ solve: !service.isBusy && !solved, try: solved, repair: !service.isBusy && !trial });
   if (trial && !solved) find("try").click();
   find("try").checked = Boolean(trial);
   panel.say("counts", `${mesh.vertices.length} vertices, ${mesh.polygons.length} faces; chosen ${kind}: ${chosen.size}`);

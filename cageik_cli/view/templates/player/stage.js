@@ -193,7 +193,7 @@ class Stage {
     this.sizeCamera();
     // Below the buttons over the picture.
     const top = this.find("modes").offsetHeight + 22, bottom = 26 * min(1, camera.height / 500);
-    camera.fit(this.view.show === "cage" ? this.cage : this.positions, { top, bottom, side: 14 });
+    camera.fit(this.framed?.() ?? (this.view.show === "cage" ? this.cage : this.positions), { top, bottom, side: 14 });
     this.fitted = [camera.target, camera.distance];
     this.request();
   }
