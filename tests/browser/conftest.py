@@ -115,11 +115,11 @@ def serve(tmp_path, monkeypatch, browser):
     monkeypatch.chdir(tmp_path)
     processes, contexts = [], []
 
-    def start(*words) -> Opened:
+    def start(*words, **options) -> Opened:
         command = [sys.executable, "-m", "cageik_cli", "view", *map(str, words), "--no-browser"]
         process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
         processes.append(process)
-        context = browser.new_context()
+        context = browser.new_context(**options)
         contexts.append(context)
         page = context.new_page()
         opened = Opened(page)

@@ -120,6 +120,18 @@ interface Past { past: any[]; future: any[]; complaint: string; snapshot(): any;
 
 interface Panel { stage: Stage; element: HTMLElement; prefix: string; editor: any }
 
+// What would be lost with a page: texts by the names of its parts, "" where there is nothing. `open` takes such texts,
+// and returns the mode that shows them; `send` has them written to a new file.
+interface Work {
+  parts(): Record<string, string>;
+  open(parts: Record<string, string>): string | void;
+  send(name: string): Promise<any>;
+}
+
+interface Keeper { stage: Stage; session: any; work: Work; saved: Record<string, string>; applied: Record<string, string>; kept: KeptWork; timer: number; isOurs: boolean }
+
+interface KeptWork { store: Storage | null }
+
 interface Clip extends Omit<Header, "held" | "arrays"> { arrays: Arrays; count: number }
 
 interface Renderer { buffers: Record<string, WebGLBuffer>; counts: Record<string, number>; toClip: Float32Array; pixels: number; isSolid: boolean; lift: number[] }
@@ -135,6 +147,10 @@ interface Stage {
   modes: Modes;
   timeline: Timeline;
   editor: Editor | null;
+  cageEditor?: CageEditor;
+  cageService?: CageService;
+  work?: Work;
+  keeper?: Keeper;
   listeners: ((value?: unknown) => void)[];
   timings: Record<"solve" | "skin" | "normals" | "draw" | "frames", number[]>;
   positions: Float32Array;
@@ -144,6 +160,7 @@ interface Stage {
   grid?: any;
   // What other scripts put in place of the usual: of the cage that is drawn, the mesh, its colours, and the parts.
   drawnCage?: () => number[];
+  framed?: () => number[];
   mold?: (out: Float32Array) => boolean;
   paint?: (values: Float32Array) => Painted | null;
   selectShown?: (corners: Uint32Array, size: number) => Uint32Array;
