@@ -230,7 +230,7 @@ def test_what_is_kept_is_bounded(serve, result):
 
 def test_without_room_the_page_says_so(serve, result):
     page = get_player(serve("walk.h5"))
-    page.evaluate("Storage.prototype.setItem = () => { throw new Error('full'); }")
+    page.evaluate("() => { Storage.prototype.setItem = () => { throw new Error('full'); }; }")
     pose(page)
     page.evaluate("P.stage.keeper.keep(); P.stage.request()")
     page.locator("[data-keep-said]", has_text="no room to keep").wait_for(timeout=10_000)
