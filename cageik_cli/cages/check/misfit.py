@@ -137,7 +137,8 @@ def explain_misfit(
     if is_dented and share <= MAX_OUTSIDE_SHARE:
         if dents:
             described = _describe_dents(dents, rest.diagonal)
-            return Misfit(described + ", or give the rest pose it was made for", dents=dents)
+            described += ", give the rest pose it was made for, or "
+            return Misfit(described + project, dents=dents)
         return Misfit("enlarge the cage there, give the rest pose it was made for, or " + project)
     if share <= MAX_OUTSIDE_SHARE:
         remedy = OTHER_POSE_REMEDY + say(", or the frame that it was made for as `rest=`")
