@@ -101,10 +101,11 @@ class Before {
     for (const old of this.kept.keys()) if (this.kept.size > most) this.kept.delete(old);
   }
 
-  // Ghosts of the frames before and after, the farthest first. While the model moves they stay as they were, or go.
+  // Ghosts of the frames before and after, the farthest first. While the model is dragged they stay as they were; without a
+  // graphics card they go, so that a drag stays smooth.
   computeNeighbours() {
     const { stage, ghosts, every } = this, { transport, clip, skin } = stage;
-    if (!ghosts || transport.isPlaying) { this.drawn = []; return; }
+    if (!ghosts || transport.isPlaying || stage.renderer.isSlow && stage.isMoving) { this.drawn = []; return; }
     if (stage.isMoving && this.drawn.length) return;
     this.drawn = [];
     for (let k = ghosts; k; k--) for (const way of [-1, 1]) {
