@@ -9,6 +9,13 @@ import numpy as np
 
 from cageik_cli.formats.base.skeleton import Skeleton, Skin
 from cageik_cli.formats.base.writers import Animation, NamedClip, name_root, nest_names
+from cageik_cli.formats.blender.live_cage import (
+    BLENDER_SPACE,
+    EXTENSION,
+    SCRIPT,
+    check_live_cage_writable,
+    write_live_cage,
+)
 from cageik_cli.formats.gltf.skeleton import MAX_INFLUENCES
 from cageik_cli.formats.gltf.skeleton import SkeletonWriter as GltfSkeletonWriter
 from cageik_cli.formats.scene_conversion import SceneConversion
@@ -82,12 +89,57 @@ def export(settings: ExportSettings, progress: ProgressListener | None = None) -
     )
     for each in results:
         report_skipped_frames(each, progress)
+    if settings.blender:
+        return _write_live_cage(settings, result, animation, progress)
     if settings.skeleton:
         return _write_skeleton(settings, results, animation, progress)
     if settings.with_model:
         return _write_with_model(settings, result, animation, progress)
     blocks = read_cages(result, count_frames(MAX_EXPORT_BYTES, len(result.cage.vertices)))
     return write_converted(settings.output, settings.to, animation, blocks, progress)
+
+
+def _write_live_cage(
+    settings: ExportSettings,
+    result: StoredAnimation,
+    animation: Animation,
+    progress: ProgressListener,
+) -> ExportSummary:
+    """Write the folder of the model, its cage and the weights for Blender; say how to open it."""
+    path = settings.output.path
+    target = CagedModel.of_file(result.path, result).read_reconstruction("the model in Blender")
+    binding, own = target.binding, len(result.cage.vertices)
+    conversion = SceneConversion.of_output(animation.scene, BLENDER_SPACE)
+    if conversion:
+        progress.note("note", f"{path.name}: {conversion.note}")
+    with limit_blas_threads(1), progress.stage("export"):  # the last digits depend on it
+        rest = binding.rest.move(binding.rebuilt_rest)
+        write_live_cage(
+            path,
+            settings.output.overwrite,
+            replace(animation, rest=rest, name=path.name),
+            binding=binding,
+            poses=target.cages.poses(count_frames(MAX_EXPORT_BYTES, own)),
+            update=progress.update,
+        )
+    progress.note(
+        "note",
+        f"{path.name}: in Blender, open {SCRIPT} in the text editor and run it; or install "
+        f"{EXTENSION} once, and import by File > Import",
+    )
+    return ExportSummary(
+        path,
+        animation.frame_count,
+        own + len(rest.vertices),
+        sum(file.stat().st_size for file in path.iterdir()),
+        _count_both(result),
+    )
+
+
+def _count_both(result: StoredAnimation) -> str:
+    """Say how many vertices are of the cage, and how many of the model."""
+    cage, model = (group_digits(len(mesh.vertices)) for mesh in (result.cage, result.rest))
+    return f"vertices, {cage} of the cage and {model} of the model"
 
 
 def _check_rest_cage(settings: ExportSettings) -> None:
@@ -367,12 +419,7 @@ def _write_with_model(
     frames = (np.concatenate([block.cages, block.meshes], axis=1) for block in target.blocks(size))
     with limit_blas_threads(1):  # the last digits of the model depend on it
         summary = write_converted(settings.output, settings.to, animation, frames, progress)
-    own = len(result.cage.vertices)
-    return replace(
-        summary,
-        unit=f"vertices, {group_digits(own)} of the cage and "
-        f"{group_digits(len(result.rest.vertices))} of the model",
-    )
+    return replace(summary, unit=_count_both(result))
 
 
 def _read_skeleton(
@@ -418,6 +465,9 @@ def check_export(settings: ExportSettings) -> None:
         if isinstance(value, str) and value not in known:
             raise SettingError(Hint(name, value) + f", expected {' or '.join(known)}")
     _check_results(settings)
+    if settings.blender:
+        _check_live_cage(settings)
+        return
     if settings.is_rest_cage:
         _check_rest_cage(settings)
         return
@@ -439,6 +489,32 @@ def check_export(settings: ExportSettings) -> None:
         _check_with_model(settings)
     if not has_parts:
         settings.output.check_writable()
+
+
+def _check_live_cage(settings: ExportSettings) -> None:
+    """Refuse what the folder for Blender cannot have, and a folder that cannot be written."""
+    output = settings.output
+    given = [
+        hint
+        for hint, is_asked in {
+            Hint("file_format", output.file_format): output.file_format,
+            Hint("recentre", True): output.recentre,
+            Hint("to"): settings.to != SceneHints(),
+        }.items()
+        if is_asked
+    ]
+    if given:
+        raise SettingError(
+            f"{output.path}: is for Blender, which has metres and z up, and a place for each "
+            "object; leave out " + join_texts(" and ", given)
+        )
+    if not output.is_folder:
+        raise SettingError(
+            f"{output.path}: "
+            + say("`blender=True` writes a folder, expected a name without a suffix, such as ")
+            + (output.path.stem or "hero")
+        )
+    check_live_cage_writable(output.path, output.overwrite)
 
 
 def _check_results(settings: ExportSettings) -> None:

@@ -491,6 +491,21 @@ class ExportSettings(CommandSettings):
         "render (.usd*).",
         needs="with_model",
     )
+    blender: bool = declare_setting(
+        False,
+        "Write the model, the cage and the weights into the folder OUT, with a script by which "
+        "the cage moves the model live in Blender.",
+        excludes=(
+            (
+                "skeleton",
+                "`blender=True` and `skeleton=True` write different rigs; give one of them",
+            ),
+            (
+                "with_model",
+                "`blender=True` writes the cage and the model; leave out `with_model=True`",
+            ),
+        ),
+    )
     morphs: MorphSettings = declare_group(MorphSettings(), {"morphs": {}, "tolerance": {}})
     cache: Path | None = None
     compares: bool = False
@@ -510,7 +525,8 @@ class ExportSettings(CommandSettings):
 
     def outputs(self) -> list[Path]:
         """Return what is written; one file of a format of frames is that of the rest cage."""
-        return [self.output.path] if self.is_rest_cage else CommandSettings.outputs(self)
+        is_own = self.is_rest_cage or self.blender
+        return [self.output.path] if is_own else CommandSettings.outputs(self)
 
     @property
     def is_rest_cage(self) -> bool:

@@ -341,3 +341,52 @@ def test_a_skinned_model_beside_its_cage(run, result):
     # The joints are where the vertices of this cage are.
     assert run(*words[:2], "alone.usda", *words[3:]).code == 0
     assert set(read_stage("alone.usda")) == {"mesh"}
+
+
+def test_the_folder_for_blender_says_how_to_open_it(run, result):
+    outcome = run("export", "cages.h5", "live", "--blender")
+    assert outcome.code == 0, outcome.err
+    said = " ".join(outcome.err.split())
+    assert "5 frames of 26 vertices, 8 of the cage and 18 of the model, " in said
+    assert "live: converted from centimetres to metres" in said
+    assert "open open_in_blender.py in the text editor and run it" in said
+    assert len(list(Path("live").iterdir())) == 3
+    assert run("export", "cages.h5", "live", "--blender", "--overwrite", "-q").err == ""
+
+
+@pytest.mark.parametrize(
+    ("name", "words", "named"),
+    [
+        ("live", ["--skeleton"], "--blender and --skeleton write different rigs; give one"),
+        ("live", ["--with-model"], "--blender writes the cage and the model; leave out --with"),
+        ("live", ["--to", "cm"], "is for Blender, which has metres and z up, and a place for each"),
+        ("live", ["--to", "cm", "--recentre"], "leave out --recentre and --to"),
+        ("live", ["--format", "ply"], "leave out --format ply"),
+        ("live", ["--morphs", "4"], "--morphs and --tolerance apply to .glb"),
+        (
+            "live.glb",
+            [],
+            "--blender writes a folder, expected a name without a suffix, such as live",
+        ),
+        ("cage.obj", [], "--blender writes a folder, expected a name without a suffix"),
+        ("live/c_####.obj", [], "--blender writes a folder"),
+        ("no/live", [], "the folder no does not exist"),
+        ("frames", [], "holds frame_1.obj, which is none of the files to be written"),
+    ],
+)
+def test_what_the_folder_for_blender_cannot_have_is_refused(run, result, name, words, named):
+    before = sorted(Path().rglob("*"))
+    outcome = run("export", "cages.h5", name, "--blender", *words)
+    assert outcome.code != 0
+    assert named in " ".join(outcome.err.split())
+    assert sorted(Path().rglob("*")) == before
+
+
+def test_the_folder_for_blender_is_of_one_result_with_weights(run, result):
+    assert run(*EXTRACT, "--no-weights", "-o", "bare.h5").code == 0
+    outcome = run("export", "bare.h5", "live", "--blender")
+    assert outcome.code == 1
+    assert "bare.h5: has no weights, which the model in Blender needs; extract it" in outcome.err
+    outcome = run("export", "cages.h5", "bare.h5", "live", "--blender")
+    assert "live: holds the cages of one result (found 2)" in outcome.err
+    assert not Path("live").exists()
