@@ -34,10 +34,7 @@ def main(folder: Path) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     source, cage, result = folder / "hero.usda", folder / "hero_cage.obj", folder / "hero.h5"
     source.unlink(missing_ok=True)
-    mesh = make_cage()
-    lines = ["v {!r} {!r} {!r}".format(*point) for point in mesh.vertices.tolist()]
-    lines += ["f {} {} {}".format(*face) for face in (mesh.faces + 1).tolist()]
-    cage.write_text("\n".join(lines) + "\n")
+    write_cage(cage)
     cageik("extract", write_usd(source), "--cage", cage, "--output", result, "--no-cache")
     for name in KEEPS:
         cageik("deform", result, "--output", folder / name)
@@ -45,6 +42,14 @@ def main(folder: Path) -> None:
         frames = file["weights"][:] @ file["verts"][:]
     np.savez(folder / "PARTS.npz", **describe_parts(frames))
     (folder / "parts.json").write_text(json.dumps(KEEPS, indent=1))
+
+
+def write_cage(path: Path) -> None:
+    """Write the cage of the character."""
+    mesh = make_cage()
+    lines = ["v {!r} {!r} {!r}".format(*point) for point in mesh.vertices.tolist()]
+    lines += ["f {} {} {}".format(*face) for face in (mesh.faces + 1).tolist()]
+    path.write_text("\n".join(lines) + "\n")
 
 
 def describe_parts(frames: np.ndarray) -> dict:
