@@ -121,6 +121,7 @@ test-blender: $(BLENDER_READY) $(READY)  ## Read every format back in Blender, a
 	$(BIN)/python tests/blender/read_rig.py $(OUT)/blender
 	$(BIN)/python tests/blender/write_live.py $(OUT)/blender
 	$(BLENDER_VENV)/bin/python tests/blender/read_live.py $(OUT)/blender >> $(OUT)/blender/imports.log
+	$(BIN)/python tests/blender/deform_live.py $(OUT)/blender
 
 test-gltf: $(READY)  ## Validate every .glb that tests write by the Khronos validator; needs npm
 	@command -v npm >/dev/null || { echo "npm: no such program; install Node.js, which has it" >&2; exit 1; }

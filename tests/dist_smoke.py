@@ -45,6 +45,8 @@ def main(project: Path, folder: Path) -> None:
     assert "<title>" in page.read_text(encoding="utf-8")
     summary = json.loads(record.read_text(encoding="utf-8"))["summary"]
     assert 0 < summary["rms_percent"] < 0.5, summary
+    run("export", folder / "walker.h5", folder / "live", "--blender", "-q")
+    assert (folder / "live" / "open_in_blender.py").stat().st_size > 0
     assert json.loads(run("report", "--schema"))["$defs"]
     assert json.loads(run("pose", "--schema"))
     print(f"cageik {version} at {place.parent}: error {summary['rms_percent']:.4f} %")

@@ -3,6 +3,9 @@ when their cages are edited; then try the extension.
 
     python read_live.py FOLDER
 
+`FOLDER/live/back.usdc` and `back.abc` then have edited cages as Blender exports them, and
+`FOLDER/live/back.npz` the model in all `frames` (F, m, 3).
+
 Runs in a Python that has bpy and no cageik. Prints a table to stderr; exit code 1 when a row fails.
 Expectations that are wrong must be found out.
 """
@@ -162,6 +165,17 @@ def try_edits(folder: Path) -> Rows:
     for frame, move in ((0, 0.0), (10, 0.1)):
         off = live.measure_edit(frame, [30], np.array([0, move, 0]))
         yield judge(f"a keyed shape, frame {frame + 1}", off)
+    export_back(live, folder)
+
+
+def export_back(live: Live, folder: Path) -> None:
+    """Export the cage alone, with its animation and its edit, and keep how the model moves."""
+    np.savez(folder / "back.npz", frames=live.play())
+    bpy.ops.object.select_all(action="DESELECT")
+    live.cage.select_set(True)
+    words = {"selected_objects_only": True, "export_animation": True, "export_shapekeys": False}
+    bpy.ops.wm.usd_export(filepath=str(folder / "back.usdc"), **words)
+    bpy.ops.wm.alembic_export(filepath=str(folder / "back.abc"), selected=True)
 
 
 def try_moving_objects(folder: Path) -> Rows:
@@ -206,6 +220,27 @@ def try_surfaces(folder: Path) -> Rows:
         surface = material.node_tree.nodes["Principled BSDF"].inputs["Base Color"].default_value
         is_right = material.name == name and np.allclose(surface, colour) and not more
         yield tell(f"material of {item.name}", is_right)
+
+
+def try_subdividing(folder: Path) -> Rows:
+    """Cut the edges of the model: new vertices move as the middles of the old ones."""
+    live = Live(folder / "fitted")
+    with in_edit_mode(live.parts[0], []):
+        bpy.ops.mesh.select_all(action="SELECT")
+        bpy.ops.mesh.subdivide()
+    bpy.context.scene.frame_set(int(live.start) + 20)
+    mesh, old = live.parts[0].data, len(live.weights)
+    found, ends = evaluated_points(live.parts[0]), np.zeros((len(mesh.vertices), 2), int)
+    counts = np.zeros(len(ends), int)
+    for edge in mesh.edges:  # each edge that was cut is two now, from its middle to its ends
+        one, middle = sorted(edge.vertices)
+        if one < old <= middle:
+            ends[middle, counts[middle]] = one
+            counts[middle] += 1
+    halves = found[:old][ends[old:]].mean(axis=1)
+    yield tell("all edges are cut", bool((counts[old:] == 2).all() and len(ends) > old))
+    yield judge("old vertices", live.compare(found[:old], live.frames[20]))
+    yield judge("new vertices", live.compare(found[old:], halves))
 
 
 def try_two(folder: Path) -> Rows:
@@ -336,6 +371,7 @@ CHECKS: dict[str, Callable[[Path], Rows]] = {
     "objects": try_moving_objects,
     "other vertices": try_other_vertices,
     "surfaces": try_surfaces,
+    "subdivided": try_subdividing,
     "two": try_two,
     "text editor": try_text_editor,
     "extension": try_extension,

@@ -26,7 +26,6 @@ NOT_RUN = [
     ("docs/editing-cages.md", "console", "serves a page until Ctrl-C"),
     ("docs/getting-started.md", "console", "serves a page until Ctrl-C"),
     ("docs/handles-file.md", "python", "needs Blender"),
-    ("docs/recipes.md", "python", "needs Blender"),
     *[("docs/continuous-integration.md", "yaml", "GitHub workflow")] * 2,
     ("docs/reports-and-limits.md", "console", "needs ffmpeg"),
     ("docs/rigs.md", "sh", "needs Blender"),

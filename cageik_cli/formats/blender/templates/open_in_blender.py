@@ -35,6 +35,9 @@ REST, MOVE, TURN = "cage_rest", "cage_move", "cage_turn_"
 OFFSET, WEIGHT = "cage_offset", "cage_weight_"
 """Attributes of the model: the offsets, and the weights of each vertex of the cage."""
 
+RAYS = ("camera", "diffuse", "glossy", "transmission", "volume_scatter", "shadow")
+"""For which the cage is not there, and so in no picture."""
+
 Arrays = Mapping[str, NDArray[Any]]
 
 
@@ -120,7 +123,9 @@ def make_cage(about: Mapping[str, Any], arrays: Arrays) -> bpy.types.Object:
     add_attribute(mesh, REST, "FLOAT_VECTOR", arrays["cage"])
     cage = bpy.data.objects.new("cage", mesh)
     cage.location = about["origin"]
-    cage.display_type, cage.show_in_front, cage.hide_render = "WIRE", True, True
+    cage.display_type, cage.show_in_front = "WIRE", True
+    for kind in RAYS:  # `hide_render` would leave it out of exports
+        setattr(cage, f"visible_{kind}", False)
     no_faces = np.empty(0, np.int32)
     moves = make_mesh(f"{about['name']} moves", arrays["moves"].reshape(-1, 3), no_faces, no_faces)
     inputs = {
