@@ -82,6 +82,7 @@ COMMANDS = (
     Command("report stdout", ("report", "r.h5", "--json", "-")),
     Command("export obj", ("export", "r.h5", "out/c_####.obj"), ("out",)),
     Command("export ply", ("export", "r.h5", "out/c_####.ply"), ("out",)),
+    Command("export blender", ("export", "r.h5", "out", "--blender"), ("out",)),
     Command("export npz", ("export", "r.h5", "out.npz"), ("out.npz",)),
     Command("export mdd", ("export", "r.h5", "out.mdd"), ("out.mdd",)),
     Command("export glb", ("export", "r.h5", "out.glb"), ("out.glb",)),
