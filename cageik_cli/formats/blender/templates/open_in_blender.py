@@ -6,8 +6,8 @@ make a collection with the model and the cage. The cage plays its animation, and
 whatever moves the cage: hooks, shape keys, modifiers, edit mode.
 
 A vertex of the model is where it was at rest, moved by the sum of its weights times how far the
-vertices of the cage are from rest. Weights are attributes of the model, one for each vertex of the
-cage, of any sign. Weights of few influences have offsets, too, which turn with the frames.
+vertices of the cage are from rest. Weights are attributes of the model, of three vertices of the
+cage each, and of any sign. Weights of few influences have offsets, too, which turn with the frames.
 """
 
 import json
@@ -30,10 +30,10 @@ DATA_FORMAT = 1
 OLDEST_BLENDER = (5, 0, 0)
 
 REST, MOVE, TURN = "cage_rest", "cage_move", "cage_turn_"
-"""Attributes of the cage: positions at rest, how far they are from it, and rows of R - 1."""
+"""Attributes of the cage: positions at rest, how far three are from it, and rows of R - 1."""
 
 OFFSET, WEIGHT = "cage_offset", "cage_weight_"
-"""Attributes of the model: the offsets, and the weights of each vertex of the cage."""
+"""Attributes of the model: offsets, and weights of three cage vertices, the first by its number."""
 
 RAYS = ("camera", "diffuse", "glossy", "transmission", "volume_scatter", "shadow")
 """For which the cage is not there, and so in no picture."""
@@ -143,8 +143,10 @@ def make_part(part: Mapping[str, Any], key: str, arrays: Arrays, own: slice) -> 
     """Make a part of the model at rest, with its surface and the weights of its vertices."""
     counts, corners = arrays[f"{key}_counts"], arrays[f"{key}_corners"]
     mesh = make_mesh(part["name"], arrays["rest"][own], counts, corners)
-    for number, weights in enumerate(arrays["weights"]):
-        add_attribute(mesh, f"{WEIGHT}{number}", "FLOAT", weights[own])
+    for number in range(0, len(arrays["weights"]), 3):
+        weights = arrays["weights"][number : number + 3, own].T
+        threes = np.pad(weights, ((0, 0), (0, 3 - weights.shape[1])))
+        add_attribute(mesh, f"{WEIGHT}{number}", "FLOAT_VECTOR", threes)
     if arrays["offsets"].any():
         add_attribute(mesh, OFFSET, "FLOAT_VECTOR", arrays["offsets"][own])
     if f"{key}_uvs" in arrays:
@@ -382,7 +384,7 @@ def make_deformer() -> Any:
     moves = build.vector("SUBTRACT", build.position(), build.attribute(REST))
     statistic = ("GeometryNodeAttributeStatistic", cage, None, moves)
     mean = build.get(*statistic, data_type="FLOAT_VECTOR", name="Mean")
-    stored = build.store(cage, MOVE, build.vector("SUBTRACT", moves, mean))
+    stored = store_threes(build, cage, build.vector("SUBTRACT", moves, mean))
     total = build.vector("ADD", mean, sum_weighted_moves(build, stored, count))
     offset = build.add("ShaderNodeSeparateXYZ", build.attribute(OFFSET))
     for k in range(3):
@@ -397,29 +399,46 @@ def make_deformer() -> Any:
     return build.tree
 
 
-def sum_weighted_moves(build: Builder, cage: Any, count: Any) -> Any:
-    """Sum the moves of all cage vertices, each times its weight.
+def store_threes(build: Builder, cage: Any, moves: Any) -> Any:
+    """Give each vertex of the cage the matrix of its move and those of the next two, as columns."""
+    matrix = build.add("FunctionNodeCombineMatrix")
+    index = build.get("GeometryNodeInputIndex")
+    words = {"data_type": "FLOAT_VECTOR", "domain": "POINT"}
+    for k in range(3):
+        at = build.whole("ADD", index, k)
+        move = build.get("GeometryNodeFieldAtIndex", moves, at, **words)
+        for row, value in enumerate(build.add("ShaderNodeSeparateXYZ", move).outputs):
+            build.give(matrix.inputs[4 * k + row], value)
+    words["data_type"] = "FLOAT4X4"
+    stored = ("GeometryNodeStoreNamedAttribute", cage, None, MOVE, matrix.outputs[0])
+    return build.get(*stored, **words)
 
-    A zone repeats once for each cage vertex, and makes one long sum, which Blender then computes
-    at all vertices of the model at once.
+
+def sum_weighted_moves(build: Builder, cage: Any, count: Any) -> Any:
+    """Sum the moves of all cage vertices, each times its weight, at the vertices of the model.
+
+    A zone repeats for each three vertices of the cage, whose weights are a vector that the matrix
+    of their moves turns into the sum of three. It makes one long sum, which Blender then computes
+    at all vertices of the model at once. One by one, small models would wait for the zone.
     """
     first, last = build.add("GeometryNodeRepeatInput"), build.add("GeometryNodeRepeatOutput")
     first.pair_with_output(last)
     last.repeat_items.clear()
     last.repeat_items.new("VECTOR", "Sum")
-    build.give(first.inputs["Iterations"], count)
-    number = first.outputs["Iteration"]
+    threes = build.whole("DIVIDE", build.whole("ADD", count, 2), 3)
+    build.give(first.inputs["Iterations"], threes)
+    number = build.whole("MULTIPLY", first.outputs["Iteration"], 3)
     join = build.add("GeometryNodeStringJoin")
     # The last link is the first string.
     digits = build.get("FunctionNodeValueToString", number, data_type="INT")
     for word in (digits, build.get("FunctionNodeInputString", string=WEIGHT)):
         build.give(join.inputs["Strings"], word)
-    weight = build.attribute(join.outputs[0], "FLOAT")
-    move = build.sample(cage, build.attribute(MOVE), number)
-    scaled = build.add("ShaderNodeVectorMath", move, operation="SCALE")  # MULTIPLY takes thrice
-    build.give(scaled.inputs["Scale"], weight)
-    total = build.vector("ADD", first.outputs["Sum"], scaled.outputs[0])
-    build.give(last.inputs["Sum"], total)
+    moves = build.attribute(MOVE, "FLOAT4X4")
+    words = {"data_type": "FLOAT4X4", "domain": "POINT"}
+    matrix = build.get("GeometryNodeSampleIndex", cage, moves, number, **words)
+    weights = build.attribute(join.outputs[0])
+    moved = build.get("FunctionNodeTransformDirection", weights, matrix)
+    build.give(last.inputs["Sum"], build.vector("ADD", first.outputs["Sum"], moved))
     return last.outputs["Sum"]
 
 
