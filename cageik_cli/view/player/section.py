@@ -74,10 +74,10 @@ BEFORE_WORDS = {"input": "input", "unedited": "before the edit", "live": "withou
 PANELS = ("pose", "cage", "influence", "save", "look", "parts")
 """Groups of the side panel, from top to bottom: names of templates."""
 
-SESSION_SCRIPTS = ("apply", "session")
-"""Scripts that are added for a page that is served."""
+SERVED_SCRIPTS = ("apply", "frames")
+"""Scripts that are added for a page with a server: only these send anything."""
 
-REST_SCRIPTS = ("cage_mesh", "rest_mode", *SESSION_SCRIPTS)
+REST_SCRIPTS = ("cage_mesh", "rest_mode", "apply", "session")
 """Scripts that are added for the page of a rest cage."""
 
 POSE_SCRIPTS = (
@@ -198,7 +198,7 @@ def render_view_page(
         What a page that is served has to know, see `PageSession.describe`.
     """
     *scripts, start = PLAYER_SCRIPTS
-    added = ("apply", "frames") if session is None else (*SESSION_SCRIPTS, "frames")
+    added = SERVED_SCRIPTS if session is None else (*SERVED_SCRIPTS, "session")
     values = build_player_values(clip, apply_url)
     values |= {"is_app": True, "title": clip.title or "Model in its cage"}
     values |= {"is_served": session is not None}

@@ -147,6 +147,7 @@ interface Stage {
   modes: Modes;
   timeline: Timeline;
   editor: Editor | null;
+  meter?: EditMeter;
   cageEditor?: CageEditor;
   cageService?: CageService;
   work?: Work;
@@ -194,6 +195,7 @@ interface Editor {
   clip: Clip;
   skin: Skin;
   rounds: number;
+  surfaceHeld?: HeldSurface;
   isDragging: boolean;
   before: string | null;
 }
@@ -203,9 +205,15 @@ interface CageEditing { stage: Stage; clip: Clip; editor: Editor; active: number
 
 interface CageSelection { findCage: () => Points; falloff: string; radius: number }
 
-interface Poser { rows: Float64Array[]; rings: any; normal: any; solvers: any }
+interface Poser { rows: Float64Array[]; rings: any; normal: any; solvers: any; surface: HeldSurface | null; mirror: { normal: Point; point: Point } | null }
 
-interface CoordinateSolver { rings: number[][]; count: number; column: Int32Array; share: Float64Array }
+interface CoordinateSolver { rings: number[][]; count: number; column: Int32Array; share: Float64Array; gram?: Float64Array[] }
+
+interface HeldSurface { skin: Skin; faces: Uint32Array; areas: Float64Array }
+
+interface Heap { keys: number[]; values: number[] }
+
+interface EditMeter { stage: Stage; found: Map<number, any>; waiting: number[]; before: Float32Array; after: Float32Array; cages?: Map<number, any> }
 
 interface Influence { stage: Stage; skin: Skin; vertex: number; place: { near: number; corners: number[]; shares: number[] } | null; row: Float64Array | null }
 

@@ -38,15 +38,15 @@ function moveCage({ edits }, clip, frame) {
   return cage;
 }
 
-// An offset at rest, turned with the cage around a vertex (method/pose/rigidity.py).
-function turnWithCage(move, vertex, clip, cage) {
+// An offset at rest, turned with the cage around a vertex (method/pose/rigidity.py), or turned back.
+function turnWithCage(move, vertex, clip, cage, isBack = false) {
   const { cage: rest, cageFaces } = clip.arrays, sum = zeros(9);
   clip.rings ??= listNeighbours(listEdges(cageFaces), rest.length / 3);
   for (const near of clip.rings[vertex]) for (let r = 0; r < 3; r++) for (let c = 0; c < 3; c++) {
     sum[3 * r + c] += (cage[3 * vertex + r] - cage[3 * near + r]) * (rest[3 * vertex + c] - rest[3 * near + c]);
   }
   nearestRotation(sum, sum);
-  return [0, 3, 6].map((r) => dot(sum.subarray(r, r + 3), move));
+  return isBack ? turn(move, sum) : [0, 3, 6].map((r) => dot(sum.subarray(r, r + 3), move));
 }
 
 // What a file holds: edits that move something.

@@ -66,7 +66,9 @@ class CageEditing {
     const { shares } = this.selection, moved = new Map();
     for (const [vertex, share] of shares) moved.set(vertex, find(vertex, share));
     if (this.mirrors) this.reflect(moved);
-    return [...moved].map(([vertex, move]) => [vertex, add(starts[vertex], move)]);
+    const { clip, stage: { frame } } = this, turns = this.edit?.axes === "surface";
+    const asInFile = (vertex, move) => turns ? turnWithCage(move, vertex, clip, clip.cage(frame), true) : move;
+    return [...moved].map(([vertex, move]) => [vertex, add(starts[vertex], asInFile(vertex, move))]);
   }
 
   // Moves partners as mirror images; of two that are chosen, the one on the side of the last leads.
@@ -279,6 +281,7 @@ function makeCageMode(stage) {
   panel.listen("edit", (list) => { cages.active = Number(list.value); });
   panel.edit("add", () => cages.add());
   panel.edit("delete", () => { cages.file.edits.splice(cages.file.edits.indexOf(cages.edit), 1); cages.active = 0; });
+  panel.edit("axes", ({ value }) => { cages.edit.axes = value === "surface" ? value : undefined; });
   panel.editName(() => cages.file.edits, () => cages.edit);
   panel.editSpan(() => cages.need());
   panel.listenToPoint("move-", (k, value) => {
@@ -305,6 +308,7 @@ function showCages(panel, { cages, editor }) {
   panel.find("edit").parentElement.hidden = !edit;
   panel.find("active").hidden = !edit;
   panel.put("name", edit?.name ?? "");
+  panel.find("axes").value = edit?.axes ?? "world";
   panel.find("chosen").hidden = !size;
   if (size) panel.putPoint("move-", cages.offset(selection.last));
   panel.put("falloff", selection.falloff);
