@@ -16,7 +16,7 @@ from tests.browser.players import WALKER, check_positions, drag, middle_of, run_
 
 pytestmark = pytest.mark.browser
 
-HAND, FEET, CHEST, HEAD = 1040, (994, 1090), 889, 389
+HAND, ELBOW, FEET, CHEST, HEAD = 1040, 1367, (994, 1090), 889, 389
 
 
 @pytest.fixture
@@ -94,10 +94,10 @@ def edit_by_command(result, handles, folder, rigidity=0):
         return file["vertices"]
 
 
-def check_frames(page, meshes, diagonal, frames):
+def check_frames(page, meshes, diagonal, frames, factor=1):
     for frame in frames:
         page.evaluate(f"P.stage.transport.go({frame}); P.stage.request(true)")
-        check_positions(page, meshes[frame], diagonal)
+        check_positions(page, meshes[frame], diagonal, factor)
 
 
 def go(page, frame):
@@ -512,4 +512,74 @@ def test_a_decimated_model_has_the_vertex_numbers_of_its_file(pose, walk, tmp_pa
     path = save(page, tmp_path)
     assert json.loads(path.read_text())["handles"][-1]["vertex"] == hand
     meshes = edit_by_command(result, path, tmp_path)[:, drawn]
+    # What is held, and the ways over the surface, are those of a quarter of the vertices.
+    check_frames(page, meshes, result.rest.diagonal, (0, 6), factor=100)
+    page.get_by_label("Hold the rest").uncheck()
+    settle(page)
+    path = save(page, tmp_path)
+    assert json.loads(path.read_text())["hold"] is False
+    meshes = edit_by_command(result, path, tmp_path)[:, drawn]
     check_frames(page, meshes, result.rest.diagonal, (0, 6))
+
+
+def test_a_ring_shows_how_far_the_model_moves_and_is_dragged(pose, walk, tmp_path):
+    page = pose()
+    add_vertex(page, HAND)
+    ring = page.evaluate("P.stage.editor.ring.length")
+    assert ring > 60
+    first = page.evaluate("P.stage.editor.reach.radius")
+    points = np.array(page.evaluate("P.stage.editor.ring")).reshape(-1, 3)
+    place = page.evaluate(f"P.stage.camera.project({points[0].tolist()})")
+    box = page.locator("#player canvas").bounding_box()
+    start = box["x"] + place[0], box["y"] + place[1]
+    drag(page, start, place_of(page, ELBOW))
+    settle(page)
+    second = page.evaluate("P.stage.editor.reach.radius")
+    assert second < first
+    content = json.loads(save(page, tmp_path).read_text())
+    assert content["handles"][0]["radius"] == pytest.approx(
+        second * walk[0].rest.diagonal, rel=1e-3
+    )
+    page.locator("[data-undo]").click()
+    assert page.evaluate("P.stage.editor.reach.radius") == first
+
+
+def test_the_page_says_what_an_edit_does_and_goes_to_the_worst_frame(pose, walk):
+    page = pose()
+    add_vertex(page, HAND)
+    page.locator("[data-move-y]").fill("0.4")
+    page.keyboard.press("Enter")
+    line = page.locator("[data-panel=pose] [data-measured]")
+    page.wait_for_function("() => document.querySelector('[data-measured]').textContent")
+    assert "% of the mesh moves" in line.text_content()
+    assert page.locator("[data-edited]").get_attribute("d").startswith("M")
+    button = page.locator("[data-panel=pose] [data-volume]")
+    assert not button.is_visible()
+    page.get_by_label("Hold the rest").uncheck()
+    for vertex in (*FEET, CHEST):
+        add_vertex(page, vertex, "pin")
+    page.evaluate("P.stage.editor.select(0)")
+    page.locator("[data-move-y]").fill("1.2")
+    page.keyboard.press("Enter")
+    page.wait_for_function(
+        "() => !document.querySelector('[data-panel=pose] [data-volume]').hidden"
+    )
+    button.click()
+    settle(page)
+    assert f"in frame {page.evaluate('P.stage.number')}" in button.text_content()
+
+
+def test_handles_stay_turn_and_ease_as_the_command_says(pose, walk, tmp_path):
+    page = pose()
+    result = walk[0]
+    keys = {"frames": [1, 6, 12], "values": [[0, 0, 0], [0, 0.3, 0.1], [0.1, 0, 0]]}
+    handles = [
+        {"name": "hand", "vertex": HAND, "axes": "surface", "offset": keys | {"ease": "linear"}},
+        {"name": "foot", "vertex": FEET[0], "stay": True, "radius": 0.5},
+        {"name": "head", "vertex": HEAD, "offset": keys | {"ease": "stepped"}},
+    ]
+    load(page, {"handles": handles, "frames": [3, 9], "falloff": 2})
+    path = tmp_path / "given.json"
+    path.write_text(json.dumps({"handles": handles, "frames": [3, 9], "falloff": 2}))
+    meshes = edit_by_command(result, path, tmp_path)
+    check_frames(page, meshes, result.rest.diagonal, (1, 4, 8))

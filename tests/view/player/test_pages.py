@@ -93,7 +93,9 @@ def test_every_control_has_a_tooltip(clip):
         keys = whole[whole.index("<dialog") : whole.index("</dialog>")]
         assert list_without_tooltip(whole[: whole.index("<dialog")]) == []
         assert re.findall(r"<button[^>]*>", keys) == ['<button title="Close this list (Escape).">']
-    broken = whole.replace(' title="Play or pause the clip (Space)."', ' title="Play"')
+    broken = whole[: whole.index("<dialog")].replace(
+        ' title="Play or pause the clip (Space)."', ' title="Play"'
+    )
     assert len(list_without_tooltip(broken)) == 1
 
 
