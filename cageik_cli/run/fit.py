@@ -27,6 +27,7 @@ from cageik_cli.method.solve.metrics import check_finite, measure
 from cageik_cli.method.solve.settings import FITTED_NORM, SolveSettings
 from cageik_cli.method.solve.vertex_weights import make_vertex_weights
 from cageik_cli.method.weights.binding import Binding
+from cageik_cli.run.keywords import read_jobs
 from cageik_cli.run.settings import ExtractSettings
 from cageik_cli.store.cache import EntryCache, compute_fit_key, find_fit
 from cageik_cli.store.fit_fields import BaselineErrors
@@ -37,7 +38,6 @@ from cageik_cli.util.messages import Note, Said, say
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.util.settings import DEFAULT_MEMORY
 from cageik_cli.util.text import format_bytes, format_count
-from cageik_cli.util.threads import count_processors
 
 MIN_FRAMES_BY_DEFAULT = 3
 """Shorter clips have one pose beside that at rest: weights are fitted to it only if asked for."""
@@ -110,7 +110,7 @@ def fit_weights(
         solve=choose_norm(solve or SolveSettings(), settings, sequences),
         vertex_weights=make_vertex_weights(vertex_weights, binding.rest),
         memory=memory,
-        jobs=jobs or count_processors(),
+        jobs=read_jobs(jobs),
     )
 
 

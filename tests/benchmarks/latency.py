@@ -18,7 +18,7 @@ MODELS = (10**3, 3 * 10**3, 10**4, 3 * 10**4, 10**5, 3 * 10**5, 10**6)
 def measured(points: int) -> dict[str, float]:
     """Microseconds of the cage, of cage and mesh, and of a cage whose cells turn."""
     binding = synthetic(VERTICES, points)
-    poser = Poser(binding, spread_anchors(binding, ANCHORS))
+    poser = Poser(binding, spread_anchors(binding, ANCHORS), hold=False)
     moves = moves_of(MOVES, ANCHORS)
     poser.solve_mesh(moves[0])
     return {

@@ -167,7 +167,7 @@ def test_normals_that_are_not_turned_are_noted(run, cloud, command, case):
     assert outcome.code == 0, outcome.err
     assert "normals" not in outcome.err, "they are all zero"
     rows = write_normals(cloud, [0, 1, 0][:count], **how)
-    outcome = run(*COMMANDS[command], *words, "--overwrite")
+    outcome = run(*COMMANDS[command], *words, "--overwrite", "-v")
     assert outcome.code == 0, outcome.err
     assert note in " ".join(outcome.err.split())
     posed = read("posed.ply") if command == "pose" else frames_in("out")[4]

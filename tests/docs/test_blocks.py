@@ -23,7 +23,7 @@ NOT_RUN = [
     ("docs/cluster.md", "python", "needs SLURM"),
     ("docs/cluster.md", "sh", "needs a Dask cluster"),
     ("docs/cluster.md", "sh", "needs a Dask cluster"),
-    ("docs/editing-cages.md", "console", "serves a page until Ctrl-C"),
+    *[("docs/editing-cages.md", "console", "serves a page until Ctrl-C")] * 2,
     ("docs/getting-started.md", "console", "serves a page until Ctrl-C"),
     ("docs/handles-file.md", "python", "needs Blender"),
     *[("docs/continuous-integration.md", "yaml", "GitHub workflow")] * 2,

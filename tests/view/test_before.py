@@ -14,12 +14,13 @@ from cageik_cli.formats.open import load_mesh
 from cageik_cli.inputs.input_frames import find_edited
 from cageik_cli.inputs.reconstruction import CageFrames, Reconstruction
 from cageik_cli.run.settings import ViewSettings
-from cageik_cli.store.result import read_animation, read_binding
+from cageik_cli.store.result import read_animation, read_binding, read_result
 from cageik_cli.util.errors import CageikError, FileAccessError, FormatError
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.view import before
 from cageik_cli.view.before import MAX_ASKED_BYTES, MAX_ASKED_FRAMES, BeforeFrames, list_before
 from cageik_cli.view.player.clip import require_player_clip
+from cageik_cli.view.player.section import render_player_page
 from cageik_cli.view.server import JobBoard, Site, Stream, serve
 from cageik_cli.view.session import open_session
 from tests.view.client import Client
@@ -308,4 +309,4 @@ def test_only_a_page_of_a_result_asks(extracted):
     model = replace(settings, target=Path("frames/frame_1.obj"), cage=Path("cage.obj"))
     of_model = open_session(model, ProgressListener())
     assert of_model.streams == {}
-    assert "connect-src" not in of_model.render_page()
+    assert "connect-src" not in render_player_page(read_result(Path("cages.h5")))

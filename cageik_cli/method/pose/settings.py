@@ -72,11 +72,10 @@ class PosingSettings:
     )
     hold: bool = declare_setting(
         True,
-        "Let all of the model follow the handles, also far from them.",
+        "Leave the model as it is outside the radii of the handles; else all of it follows them.",
         name="hold",
         meaning="the model stays outside the radii of the handles",
-        option="--no-hold",
-        is_off=True,
+        option="--hold/--no-hold",
         group=HelpGroup.SOLVE,
     )
     radius: float | None = declare_setting(
@@ -87,7 +86,9 @@ class PosingSettings:
         meaning="how far over the surface the model moves with handles, file units",
         is_recorded_unset=False,
         above=0,
-        excludes=(("hold", "`radius=` has no meaning with `hold=False`; leave one out"),),
+        excludes=(
+            ("hold", "`radius=` needs a rest that is held; leave it out, or use `hold=True`"),
+        ),
         group=HelpGroup.SOLVE,
     )
     mirror: bool = declare_setting(

@@ -174,7 +174,7 @@ def _advise(summary: PoseSummary) -> Iterator[Said]:
             yield f"{found}; move the handles less far, or give them another `radius`"
         elif not summary.rigidity:
             yield f"{found}: parts that turn are sheared; " + say(
-                "leave out `hold=False`, or let them rotate with `rigidity=10`"
+                "use `hold=True`, or let them rotate with `rigidity=10`"
             )
 
 
