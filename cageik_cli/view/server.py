@@ -10,7 +10,6 @@ bounded length, and must arrive within seconds.
     POST /SECRET/apply    {"handles": …, "cageEdits": …}, the content of such files or null;
                           `?rigidity=N` for N rounds. 202 with {"job": number}
     POST /SECRET/save     the same with "name", of a new file beside what is viewed, and "rigidity"
-
     POST /SECRET/before   which frames of what was before; 200 with their bytes, see `before.py`
 
 What a page that edits a rest cage sends is {"vertices": [[x, y, z], …], "polygons": [[…], …]}:
@@ -357,7 +356,7 @@ class RequestHandler(BaseHTTPRequestHandler):
         self._send_json(HTTPStatus.OK, answer)
 
     def _send_stream(self, name: str, query: str) -> None:
-        """Send the stream that answers a body; a second one waits for its turn."""
+        """Send the stream that answers a body; a second one is refused meanwhile."""
         _refuse_query(query)
         most, make = self.site.streams[name]
         data = self._read_body(most)

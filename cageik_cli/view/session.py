@@ -137,11 +137,14 @@ class PageSession(ABC):
 
 
 def _hash_inputs(settings: ViewSettings) -> str:
-    """Return a digest of the files that are viewed: of their content, wherever they are."""
+    """Return a digest of the files that are viewed and of how: of their content, wherever they are.
+
+    What is kept of a page that poses a model is not offered by one that edits its cage.
+    """
     given = (settings.target, settings.cage, settings.binding)
     sources = [Source.parse(path) for path in given if path is not None]
     parts = [(hash_file(source.file).hex(), source.member) for source in sources]
-    return hashlib.sha256(repr(parts).encode()).hexdigest()
+    return hashlib.sha256(repr([parts, settings.edits_cage]).encode()).hexdigest()
 
 
 class ViewSession(PageSession):

@@ -522,17 +522,24 @@ def test_a_decimated_model_has_the_vertex_numbers_of_its_file(pose, walk, tmp_pa
     check_frames(page, meshes, result.rest.diagonal, (0, 6))
 
 
+def front_of_ring(page):
+    """Return the pixel of the point of the ring that is nearest to the eye, in the window."""
+    settle(page)
+    points = np.array(page.evaluate("P.stage.editor.ring")).reshape(-1, 3)
+    box = page.locator("#player canvas").bounding_box()
+    seen = [page.evaluate(f"P.stage.camera.project({point.tolist()})") for point in points[::7]]
+    front = min(seen, key=lambda place: place[2])
+    return box["x"] + front[0], box["y"] + front[1]
+
+
 def test_a_ring_shows_how_far_the_model_moves_and_is_dragged(pose, walk, tmp_path):
     page = pose()
     add_vertex(page, HAND)
     ring = page.evaluate("P.stage.editor.ring.length")
     assert ring > 60
     first = page.evaluate("P.stage.editor.reach.radius")
-    points = np.array(page.evaluate("P.stage.editor.ring")).reshape(-1, 3)
-    place = page.evaluate(f"P.stage.camera.project({points[0].tolist()})")
-    box = page.locator("#player canvas").bounding_box()
-    start = box["x"] + place[0], box["y"] + place[1]
-    drag(page, start, place_of(page, ELBOW))
+    page.locator("[data-tool=move]").click()
+    drag(page, front_of_ring(page), place_of(page, ELBOW))
     settle(page)
     second = page.evaluate("P.stage.editor.reach.radius")
     assert second < first
@@ -583,3 +590,34 @@ def test_handles_stay_turn_and_ease_as_the_command_says(pose, walk, tmp_path):
     path.write_text(json.dumps({"handles": handles, "frames": [3, 9], "falloff": 2}))
     meshes = edit_by_command(result, path, tmp_path)
     check_frames(page, meshes, result.rest.diagonal, (1, 4, 8))
+
+
+def test_a_click_on_the_ring_adds_a_handle_and_escape_ends_a_pull(pose):
+    page = pose()
+    add_vertex(page, HAND)
+    start = front_of_ring(page)
+    page.mouse.click(*start)
+    settle(page)
+    assert page.evaluate("P.stage.editor.set.handles.length") == 2
+    page.locator("[data-undo]").click()
+    page.evaluate("P.stage.editor.select(0)")
+    page.locator("[data-tool=move]").click()
+    first = page.evaluate("P.stage.editor.reach.radius")
+    page.mouse.move(*start)
+    page.mouse.down()
+    page.mouse.move(*place_of(page, ELBOW), steps=6)
+    settle(page)
+    assert page.evaluate("P.stage.editor.reach.radius") != first
+    page.keyboard.press("Escape")
+    page.mouse.up()
+    settle(page)
+    assert page.evaluate("P.stage.editor.reach.radius") == first
+
+
+def test_sets_without_handles_are_in_no_file(pose, tmp_path):
+    page = pose()
+    hand = {"name": "hand", "vertex": HAND, "offset": [0, 0.1, 0]}
+    load(page, {"sets": [{"handles": [hand]}, {"handles": [hand | {"name": "b"}]}]})
+    page.evaluate("P.stage.editor.select(0)")
+    page.get_by_role("button", name="Delete", exact=True).click()
+    assert len(json.loads(save(page, tmp_path).read_text())["sets"]) == 1

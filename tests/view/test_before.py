@@ -265,7 +265,7 @@ def serve_stream(make):
     return serve(Site(SECRET, b"", JobBoard(), None, streams={"before": (99, make)}), 0)
 
 
-def test_a_second_answer_waits_for_its_turn():
+def test_a_second_answer_is_refused_meanwhile():
     started, go = threading.Event(), threading.Event()
 
     def yield_parts():

@@ -4,7 +4,7 @@ import json
 import os
 import shutil
 import threading
-from contextlib import contextmanager, suppress
+from contextlib import closing, contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -62,6 +62,15 @@ def files():
 def cages(name):
     with h5py.File(name) as file:
         return file["verts"][:]
+
+
+def test_what_is_kept_of_poses_is_not_that_of_cages(clip):
+    """A browser offers the work on a page by its key."""
+    pose = ViewSettings(MODEL.target, cage=MODEL.cage)
+    with closing(open_(pose)) as posed, closing(open_(replace(pose, edits_cage=True))) as edited:
+        assert posed.key != edited.key
+        with closing(open_(pose)) as again:
+            assert posed.key == again.key
 
 
 @pytest.mark.parametrize("rigidity", [0, 5])

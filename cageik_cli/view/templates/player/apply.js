@@ -35,7 +35,7 @@ extensions.push((stage) => {
     button.hidden = !applyUrl;
     on(button, "click", async () => {
       const tell = (text) => { editor.complaint = text; stage.request(); };
-      const sent = { handles: listSets(editor.file)[0].handles.length ? editor.file : null, cageEdits: editor.actingCageFile };
+      const sent = { handles: editor.actingFile, cageEdits: editor.actingCageFile };
       const parts = stage.keeper?.read();
       await applyEdit(applyUrl, sent, editor.rounds, tell).then((text) => tell(text + (stage.keeper?.takeApplied(parts) ?? "")), (error) => tell(error.message));
     });

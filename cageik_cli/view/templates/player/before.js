@@ -1,6 +1,6 @@
 // What is shown beside the model or over it: the mesh before, of which the page holds some frames and may ask its server for all
 // (view/before.py), or which the model is without the edits of this page; and ghosts of neighbouring frames.
-const ASKED_FRAMES = 16, KEPT_BYTES = 1 << 26;
+const ASKED_FRAMES = 16, KEPT_BYTES = 1 << 26, BUSY = 409, BUSY_MILLISECONDS = 300;
 
 const GHOSTS = { before: [0.72, 0.25, 0.62], past: [0.86, 0.42, 0.1], future: [0.1, 0.58, 0.5] };
 
@@ -88,7 +88,9 @@ class Before {
       const all = await fetchFrames(kind, first, min(ASKED_FRAMES, this.stage.clip.count - first)), size = this.stage.input.length;
       for (let k = 0; k * size < all.length; k++) this.keep(`${kind} ${first + k}`, all.slice(k * size, (k + 1) * size));
     } catch (error) {
-      this.errors[kind] = error.message;
+      // Another page asks at the same time: it is soon done.
+      if (error.status === BUSY) await new Promise((go) => setTimeout(go, BUSY_MILLISECONDS));
+      else this.errors[kind] = error.message;
     }
     this.asking = "";
     this.stage.request(true);
@@ -139,10 +141,11 @@ extensions.push((stage) => {
     find("hold").setAttribute("aria-pressed", isHeld);
     stage.request(true);
   };
-  const release = () => hold(false), places = [stage.canvas, ...stage.section.classList.contains("app") ? [document.body] : []];
+  const release = () => hold(false), places = [stage.section, ...stage.section.classList.contains("app") ? [document.body] : []];
   on(document, "keydown", (event) => {
     const isPlain = !event.ctrlKey && !event.metaKey && !event.altKey;
-    if (event.key.toLowerCase() === "v" && isPlain && places.includes(event.target)) hold(true);
+    const isHere = places.some((place) => place.contains(event.target)) && !event.target.matches?.(TEXT_FIELDS);
+    if (event.key.toLowerCase() === "v" && isPlain && isHere && !stage.section.querySelector("dialog[open]")) hold(true);
   });
   on(document, "keyup", (event) => { if (event.key.toLowerCase() === "v") release(); });
   on(window, "blur", release);

@@ -67,7 +67,8 @@ class CageEditing {
     for (const [vertex, share] of shares) moved.set(vertex, find(vertex, share));
     if (this.mirrors) this.reflect(moved);
     const { clip, stage: { frame } } = this, turns = this.edit?.axes === "surface";
-    const asInFile = (vertex, move) => turns ? turnWithCage(move, vertex, clip, clip.cage(frame), true) : move;
+    const { edits } = this.file, before = turns && moveCage({ edits: edits.slice(0, edits.indexOf(this.edit)) }, clip, frame);
+    const asInFile = (vertex, move) => turns ? turnWithCage(move, vertex, clip, before, true) : move;
     return [...moved].map(([vertex, move]) => [vertex, add(starts[vertex], asInFile(vertex, move))]);
   }
 

@@ -71,7 +71,7 @@ function makeControls(stage) {
   });
   on(isWindow ? document : section, "keydown", (event) => {
     const key = event.key.toLowerCase(), isCommand = event.ctrlKey || event.metaKey, { target } = event, isOf = (texts) => target.matches?.(texts);
-    if (dialog.open) return;
+    if (section.querySelector("dialog[open]")) return;
     // Texts that are typed have an undo of their own; Enter and Escape leave them.
     if (isOf(TEXT_FIELDS)) {
       if (!isByKey && (event.key === "Enter" || event.key === "Escape")) returnFocus();

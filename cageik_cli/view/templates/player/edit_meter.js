@@ -1,6 +1,6 @@
 // What an edit does to the mesh, frame by frame, as editing/summary.py measures it: volume, largest move, share that moves.
 // Frames are measured while the page has nothing else to do; of many, some evenly.
-const MIN_MOTION = 0.005, MAX_VOLUME_PERCENT = 5, MEASURED_FRAMES = 60, SLICE_MILLISECONDS = 12;
+const MIN_MOTION = 0.005, MAX_VOLUME_PERCENT = 5, MEASURED_FRAMES = 60, SLOW_FRAMES = 12, SLICE_MILLISECONDS = 12;
 
 class EditMeter {
   /** @param {Stage} stage */
@@ -20,7 +20,8 @@ class EditMeter {
   // Begins anew; frames that an edit does not change need no measure.
   start() {
     const { clip, editor } = this.stage, all = listOf(clip.count, (frame) => frame).filter((frame) => editor.isActive(frame));
-    const count = min(MEASURED_FRAMES, all.length);
+    // Rounds of rotations take long, and a page that waits for them does not answer.
+    const count = min(editor.cost > SLICE_MILLISECONDS ? SLOW_FRAMES : MEASURED_FRAMES, all.length);
     this.found = new Map();
     this.waiting = listOf(count, (k) => all[count > 1 ? round(k * (all.length - 1) / (count - 1)) : 0]);
     if (!this.timer && count) this.timer = setTimeout(() => this.proceed());
@@ -29,6 +30,7 @@ class EditMeter {
   proceed() {
     const end = performance.now() + SLICE_MILLISECONDS;
     this.timer = 0;
+    if (this.stage.editor.isDragging) return;
     while (this.waiting.length && performance.now() < end) {
       const frame = this.waiting.shift();
       this.found.set(frame, this.measure(frame));
@@ -96,7 +98,7 @@ extensions.push((stage) => {
   const meter = stage.meter = new EditMeter(stage);
   for (const button of stage.section.querySelectorAll("[data-volume]")) on(button, "click", () => stage.transport.go(meter.worst.changed.frame));
   stage.listeners.push(() => {
-    if (editor.isDragging || editor.cages === meter.cages) { showMeter(stage, meter); return; }
+    if (editor.isDragging || (editor.cages === meter.cages && (meter.timer || !meter.waiting.length))) { showMeter(stage, meter); return; }
     meter.cages = editor.cages;
     meter.start();
   });

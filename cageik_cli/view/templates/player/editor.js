@@ -23,7 +23,14 @@ class Editor extends Past {
     return edits.length ? { ...this.cageFile, edits } : null;
   }
 
-  get hasEdits() { return Boolean(listSets(this.file)[0].handles.length || this.actingCageFile); }
+  // The handles that are saved and applied: without sets that are empty, which files do not have.
+  get actingFile() {
+    const sets = listSets(this.file).filter(({ handles }) => handles.length);
+    if (!sets.length) return null;
+    return this.file.sets ? { ...this.file, sets } : this.file;
+  }
+
+  get hasEdits() { return Boolean(this.actingFile || this.actingCageFile); }
 
   open(file, cageFile = this.cageFile) {
     Object.assign(this, { file, cageFile });

@@ -28,7 +28,7 @@ function makeHandles(stage) {
     name: "pose",
     grab(x, y, event) {
       const k = transport.isPlaying ? -1 : hit(x, y, event);
-      pull = k < 0 && !transport.isPlaying ? grabRing(stage, x, y, event) : null;
+      pull = k < 0 && tool === "move" && !transport.isPlaying ? grabRing(stage, x, y, event) : null;
       if (pull) return true;
       if (k < 0) return false;
       editor.select(k);
@@ -36,8 +36,8 @@ function makeHandles(stage) {
       grip = begin({ start: [x, y] });
       return true;
     },
-    drag: (x, y) => { if (pull) editor.drag(() => pull(x, y)); else grip.move(x, y); },
-    drop: () => { if (pull) editor.drop(); else grip.finish(true); },
+    drag: (x, y) => { if (pull) editor.drag(() => pull(x, y)); else grip?.move(x, y); },
+    drop: () => { if (pull) editor.drop(); else grip?.finish(true); pull = null; },
     click(x, y, event) {
       const k = hit(x, y, event), found = k < 0 && pick(x, y);
       if (!found) { editor.select(k); return; }
@@ -46,11 +46,12 @@ function makeHandles(stage) {
     hover(x, y, event) {
       const k = hit(x, y, event), found = k < 0 ? pick(x, y) : null, handle = editor.set.handles[k];
       if (handle) return { text: handle.name, cursor: motionOf(handle) in TRACKS ? "move" : "pointer", kind: "ring", points: [editor.anchors[k]] };
-      if (!found && hitRing(stage, x, y, event)) return { text: "radius: drag it over the surface", cursor: "ew-resize" };
+      if (!found && tool === "move" && hitRing(stage, x, y, event)) return { text: "radius: drag it over the surface", cursor: "ew-resize" };
       return found ? { text: describePlace(found), cursor: "crosshair", kind: `ghost ${tool}`, points: [found.point] } : { text: "" };
     },
     press(event) {
-      if (event.key === "Delete") editor.remove();
+      if (event.key === "Escape" && pull) { pull = null; editor.cancel(); }
+      else if (event.key === "Delete") editor.remove();
       else if (event.key.toLowerCase() === "g" && editor.motion in TRACKS && !event.ctrlKey && !event.metaKey) begin();
       else if (event.key === "Escape") editor.select(-1);
       else return false;
@@ -102,7 +103,7 @@ function makeHandles(stage) {
     const { handle, motion } = editor;
     handle[motion] = change(handle[motion], stage.number);
   });
-  panel.exchange("handles.json", () => editor.file, (text) => {
+  panel.exchange("handles.json", () => editor.actingFile, (text) => {
     const file = readFile(text, clip);
     editor.change(() => Object.assign(editor, { selected: -1, active: 0, file }));
   });
@@ -110,20 +111,20 @@ function makeHandles(stage) {
   stage.listeners.push(() => showHandles(panel, stage));
 }
 
-function hitRing({ editor, camera }, x, y, event) {
-  const points = editor.ring;
-  return nearestPoint(camera, listOf(points.length / 3, (k) => points.slice(3 * k, 3 * k + 3)), x, y, event) >= 0;
+function hitRing(stage, x, y, event) {
+  const points = stage.editor.ring;
+  return nearestSeen(stage, listOf(points.length / 3, (k) => points.slice(3 * k, 3 * k + 3)), x, y, event) >= 0;
 }
 
 // Drags the ring of the selected handle to another place of the surface, which is its new radius.
 function grabRing(stage, x, y, event) {
-  const { editor, clip } = stage, { reach, handle } = editor;
+  const { editor, clip } = stage, { reach } = editor;
   if (!hitRing(stage, x, y, event)) return null;
   const { away } = editor.surface.measure(editor.layer.anchors[reach.k], Infinity);
   return (u, v) => {
     const found = pickSurface(stage, u, v);
     if (!found || !(away[found.near] > 0)) return;
-    handle.radius = Number((away[found.near] * clip.diagonal).toPrecision(4));
+    editor.handle.radius = Number((away[found.near] * clip.diagonal).toPrecision(4));
     editor.refresh();
   };
 }
@@ -166,12 +167,12 @@ function showHandles(panel, { editor, clip, number, moved }) {
     if (value) panel.putPoint("move-", motion === "offset" ? value : minus(value, clip.toFile(editor.places[editor.selected].start)));
   }
   const beyond = moved?.count ? `${moved.count} vertices, in orange, move more than the handles do: vertex ${clip.fileVertex(moved.most.vertex)} by ${ROUND(moved.most.distance * clip.diagonal)}, the handles by ${ROUND(moved.largest * clip.diagonal)} at most. ` : "";
-  panel.enable({ save: set.handles.length });
+  panel.enable({ save: editor.actingFile });
   panel.showEdit("pose", set, handle?.[motion], { isMarked: set.handles.length, beyond });
 }
 
 // The command that does what the page shows; nothing if there is no edit.
-function makeCommand({ file, actingCageFile, hasEdits, clip, rounds }) {
-  const words = rounds ? ` --rigidity ${rounds}` : "", handles = listSets(file)[0].handles.length ? ` handles.json${words}` : "", cages = actingCageFile ? " --cage-edits cage_edits.json" : "";
+function makeCommand({ actingFile, actingCageFile, hasEdits, clip, rounds }) {
+  const words = rounds ? ` --rigidity ${rounds}` : "", handles = actingFile ? ` handles.json${words}` : "", cages = actingCageFile ? " --cage-edits cage_edits.json" : "";
   return hasEdits ? `cageik pose ${clip.target}${handles}${cages} -o ${clip.isClip ? "edited.h5" : "posed.obj"}` : "";
 }

@@ -1,4 +1,4 @@
-// Poses a cage by anchors, with rounds of rigid rotations (method/pose/poser.py, method/pose/poser.py).
+// Poses a cage by anchors, with rounds of rigid rotations (method/pose/poser.py).
 const SETTLING_ROUNDS = 3;
 
 class Poser {

@@ -86,7 +86,7 @@ class Keeper {
 
 // The work of the page that plays and poses.
 const workOnEdits = ({ editor, clip }) => ({
-  parts: () => ({ handles: listSets(editor.file)[0].handles.length ? JSON.stringify(editor.file) : "", cageEdits: editor.actingCageFile ? JSON.stringify(editor.actingCageFile) : "" }),
+  parts: () => ({ handles: editor.actingFile ? JSON.stringify(editor.actingFile) : "", cageEdits: editor.actingCageFile ? JSON.stringify(editor.actingCageFile) : "" }),
   open({ handles, cageEdits }) {
     const before = editor.snapshot();
     editor.open(handles ? readFile(handles, clip) : { handles: [] }, cageEdits ? readCageEdits(cageEdits, clip) : { edits: [] });
