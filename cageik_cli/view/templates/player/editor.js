@@ -260,7 +260,7 @@ class Editor extends Past {
     if (share) return;
     const lines = isPlaying ? [] : this.places.flatMap(({ target }, k) => norm(minus(target, anchors[k])) > 0.002 ? [...anchors[k], ...target] : []);
     renderer.drawLines(lines, RED);
-    if (!isPlaying && this.handle) renderer.drawLines(this.ring, BLUE);
+    if (!isPlaying && this.handle) renderer.drawLines(this.ring, VIOLET);
     this.set.handles.forEach(({ pin }, k) => {
       const [size, rim] = k === this.selected ? [15, BLACK] : [12, WHITE];
       if (pin) renderer.drawSquares(anchors[k], [0.1, 0.45, 0.3, 1], size, rim, true);

@@ -70,7 +70,7 @@ void main() {
   colour = shape > 0.0 && away > 0.68 ? rim : paint;
 }`;
 
-const WHITE = [1, 1, 1, 1], BLACK = [0, 0, 0, 1], RED = [0.85, 0.25, 0.1, 1], BLUE = [0.1, 0.4, 0.85, 1];
+const WHITE = [1, 1, 1, 1], BLACK = [0, 0, 0, 1], RED = [0.85, 0.25, 0.1, 1], VIOLET = [0.62, 0.12, 0.72, 1];
 
 // Whether pictures are drawn without a graphics card, where smooth edges take most of the time. Not all browsers say so
 // by refusing `failIfMajorPerformanceCaveat`; the name of what draws does.
