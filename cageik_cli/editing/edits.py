@@ -23,7 +23,8 @@ from cageik_cli.method.pose.settings import PosingSettings
 from cageik_cli.method.solve.metrics import FrameMetrics, measure
 from cageik_cli.method.weights.binding import Binding, reconstruct
 from cageik_cli.util.arrays import Floats, Integers
-from cageik_cli.util.errors import error_context
+from cageik_cli.util.errors import HandlesError, error_context
+from cageik_cli.util.messages import say
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -282,6 +283,10 @@ class LayeredEdit:
     def _place_handles(self, handles: Handles, settings: PosingSettings) -> None:
         binding, constraints = self.target.binding, handles.constraints
         constraints = replace(constraints, mirror=constraints.mirror or self.mirror)
+        if settings.radius is not None and not any(one.hold for one in handles.sets):
+            raise HandlesError(
+                say("hold: is false, and `radius=` needs a rest that is held; leave out one")
+            )
         surface = PosedSurface(binding.rest, self._pose_at, self.target.timeline)
         for k, handle_set in enumerate(handles.sets):
             name = f"sets[{k}]" if len(handles.sets) > 1 else ""

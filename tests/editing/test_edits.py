@@ -225,3 +225,5 @@ def test_a_radius_of_the_settings_is_for_handles_that_state_none(make_edit):
     assert [reach.radius for reach in layer.poser.reaches] == [0.7, 0.3]
     with pytest.raises(SettingError, match="radius"):
         PosingSettings(hold=False, radius=0.7)
+    with pytest.raises(HandlesError, match=r"hold: is false, and `radius=`"):
+        make_edit(moving([0.1, 0, 0], hold=False), radius=0.7)

@@ -24,7 +24,7 @@ u is linear in the levels s = k/K if levels between them are interpolated. Then,
     Hᵀ u = Σ_k G_k (c − p) (M_k − I)ᵀ + (k/K) g_k τᵀ,    G_k = Hᵀ diag(φ_k) H,  g_k = Hᵀ φ_k,
 
 which does not depend on the number of vertices: an edit moves the cage of any frame c by small
-products.
+products. Places here are H c, without the offsets that a binding may have.
 """
 
 from collections.abc import Sequence
@@ -168,7 +168,8 @@ class HeldSurface:
             anchors[k].radius or self.choose_radius(away)
             for (k, _, _), away in zip(places, distances, strict=True)
         ]
-        strengths = [fall_off(away / r) for away, r in zip(distances, radii, strict=True)]
+        with np.errstate(over="ignore"):  # of a radius of nearly nothing
+            strengths = [fall_off(away / r) for away, r in zip(distances, radii, strict=True)]
         diagonal = self._binding.rest.diagonal or 1.0
         claims = np.stack(
             [
@@ -199,7 +200,8 @@ class HeldSurface:
         anchor, point, mirror = place
         weights = self._binding.weights
         row = point.cage_weights(weights)
-        ring = np.maximum(0, 1 - np.abs(distances / radius - RING) / RING_WIDTH) * self._areas
+        with np.errstate(over="ignore"):
+            ring = np.maximum(0, 1 - np.abs(distances / radius - RING) / RING_WIDTH) * self._areas
         pivot = ring @ weights / ring.sum() if ring.any() else row
         is_near = strength > 0
         near, level = weights[is_near], LEVELS * strength[is_near]

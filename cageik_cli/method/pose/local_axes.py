@@ -13,7 +13,7 @@ import numpy as np
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.rotations import nearest_rotations_by_svd
 from cageik_cli.geometry.surface_distance import SurfaceDistances
-from cageik_cli.method.pose.anchors import SurfacePoint
+from cageik_cli.method.pose.anchors import COINCIDENT_TOL, SurfacePoint
 from cageik_cli.method.pose.hold import fall_off
 from cageik_cli.util.arrays import Floats
 
@@ -21,7 +21,10 @@ AXES_RADIUS = 0.08
 """How far around a point the surface counts, in diagonals: the end of an arm, and not its folds."""
 
 MIN_COUNTED = 12
-"""Vertices that count at least, on a coarse surface."""
+"""Vertices around the point that count at least, on a coarse surface."""
+
+COUNTED_RADIUS = 0.6
+"""How far out the last of them is, in radii: what is at the radius counts nothing."""
 
 
 class LocalAxes:
@@ -46,8 +49,9 @@ class LocalAxes:
         distances: SurfaceDistances,
     ) -> None:
         away = distances.measure(point.corners, point.barycentric)
-        nearest = np.sort(away)[: MIN_COUNTED + 1]
-        counted = fall_off(away / max(AXES_RADIUS * rest.diagonal, float(nearest[-1])))
+        around = np.sort(away[away > COINCIDENT_TOL * rest.diagonal])[:MIN_COUNTED]
+        least = around[-1] / COUNTED_RADIUS if len(around) else 0.0
+        counted = fall_off(away / (max(AXES_RADIUS * rest.diagonal, float(least)) or 1.0))
         counted /= counted.sum()
         arms = counted[:, None] * (rest.vertices - counted @ rest.vertices)
         self._map, self.base = arms.T @ weights, arms.T @ base

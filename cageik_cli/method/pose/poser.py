@@ -31,7 +31,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from copy import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -42,13 +42,13 @@ from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.mirror import Mirror
 from cageik_cli.geometry.shape import uniform_laplacian
 from cageik_cli.method.pose.anchors import Anchor, anchor_matrix, anchor_positions
-from cageik_cli.method.pose.constraints import CageConstraints, free_basis
+from cageik_cli.method.pose.constraints import MAX_ASYMMETRY, CageConstraints, free_basis
 from cageik_cli.method.pose.hold import HeldSurface, Reach
 from cageik_cli.method.pose.rigidity import Cells, Neighbours
 from cageik_cli.method.pose.settings import DEFAULT_POSE_ALPHA, validate_weights
 from cageik_cli.method.solve.dual_laplacian import MAX_CONDITION, MIN_REFINED_CONDITION
 from cageik_cli.method.weights.binding import Binding
-from cageik_cli.util.arrays import Floats
+from cageik_cli.util.arrays import Floats, Mask
 from cageik_cli.util.errors import HandlesError, NumericalError
 from cageik_cli.util.messages import Said, say
 from cageik_cli.util.text import format_count
@@ -270,7 +270,10 @@ class Poser:
         compliance = np.array(
             [0.0 if anchor.hard else unit_compliance / anchor.weight for anchor in anchors]
         )
-        responses = [one.solve_response(rows, compliance) for one in self._response_solvers]
+        responses = [
+            solver.solve_response(rows, compliance, acts)
+            for solver, acts in zip(self._response_solvers, self._list_acting(), strict=True)
+        ]
         for response in responses:
             _check_independent(response, anchors)
         self.condition_number = max(response.condition_number for response in responses)
@@ -284,6 +287,14 @@ class Poser:
         self.reaches = [] if self._surface is None else self._surface.find_reaches(anchors, mirror)
         for name in ("_mesh_map", "_rest_reaches"):
             self.__dict__.pop(name, None)
+
+    def _list_acting(self) -> list[Mask]:
+        """Return for each solver which anchors act: across a mirror, those on its plane stay."""
+        everywhere, mirror = np.ones(len(self.anchors), bool), self.constraints.mirror
+        if mirror is None:
+            return [everywhere]
+        heights = (self._rest_positions - mirror.reflect(self._rest_positions)) @ mirror.normal / 2
+        return [everywhere, np.abs(heights) > MAX_ASYMMETRY * self.binding.cage.diagonal]
 
     @cached_property
     def _cells_at_rest(self) -> Cells:
@@ -422,8 +433,23 @@ class CageResponseSolver:
         self._laplacian_response = self._solve_forces(laplacian.T)
         self._force_response = self._solve_forces(np.eye(len(laplacian)))
 
-    def solve_response(self, rows: Floats, compliance: Floats) -> Response:
-        """Return the response to anchors with rows A, (l, n), and compliance E, a diagonal (l,)."""
+    def solve_response(
+        self, rows: Floats, compliance: Floats, acts: Mask | None = None
+    ) -> Response:
+        """Return the response to anchors with rows A, (l, n), and compliance E, a diagonal (l,).
+
+        The cage does not respond to those that do not act, (l,); by default all do.
+        """
+        if acts is None or acts.all():
+            return self._solve_acting(rows, compliance)
+        found = self._solve_acting(rows[acts], compliance[acts])
+        anchor_response = np.zeros(rows.T.shape)
+        anchor_response[:, acts] = found.anchor_response
+        weakest_mode = np.zeros(len(rows))
+        weakest_mode[acts] = found.weakest_mode
+        return replace(found, anchor_response=anchor_response, weakest_mode=weakest_mode)
+
+    def _solve_acting(self, rows: Floats, compliance: Floats) -> Response:
         influence, rigid_coupling = self._solve_forces(rows.T), rows @ self._free_modes
         system = rows @ influence + np.diag(compliance)
         # Forces on anchors, (l, l − rank), that move no component as one.

@@ -27,6 +27,9 @@ MAX_HANDLE_DISTANCE = 5.0
 MAX_CAGE_RATIO = 5.0
 """A cage that moves more times as far as any handle cannot follow the handles."""
 
+MAX_BEYOND_PERCENT = 2.0
+"""Diagonals, percent: what is beyond the radii may move so far, as the cage bends softly."""
+
 MAX_VOLUME_PERCENT = 5.0
 """Larger changes of the volume, percent, are worth a look."""
 
@@ -138,6 +141,7 @@ def _format_handle_name(anchor: AnchorSummary) -> str:
 
 def _advise(summary: PoseSummary) -> Iterator[Said]:
     """Advise when the pose is probably not the intended one."""
+    yield from _advise_on_volume(summary)
     if summary.cage_edits:
         yield from _advise_on_cage_edits(summary)
         return
@@ -167,15 +171,29 @@ def _advise(summary: PoseSummary) -> Iterator[Said]:
                 "cage with cageik check"
             )
         )
-    if abs(summary.volume_change_percent or 0.0) > MAX_VOLUME_PERCENT:
-        change = format_change(summary.volume_change_percent or 0.0)
-        found = f"the volume changes by {change} %{_format_frame_suffix(summary.volume_frame)}"
-        if summary.hold:
-            yield f"{found}; move the handles less far, or give them another `radius`"
-        elif not summary.rigidity:
-            yield f"{found}: parts that turn are sheared; " + say(
-                "use `hold=True`, or let them rotate with `rigidity=10`"
-            )
+    if (summary.beyond_moved_percent or 0.0) > MAX_BEYOND_PERCENT:
+        percent = format_miss(summary.beyond_moved_percent or 0.0)
+        yield (
+            f"vertices beyond the radii move by up to {percent} % of the diagonal: the cage is too "
+            "coarse for them; give larger ones, or use a finer cage"
+        )
+
+
+def _advise_on_volume(summary: PoseSummary) -> Iterator[Said]:
+    """Say where the volume changes much, and what keeps it."""
+    if abs(summary.volume_change_percent or 0.0) <= MAX_VOLUME_PERCENT:
+        return
+    change = format_change(summary.volume_change_percent or 0.0)
+    found = f"the volume changes by {change} %{_format_frame_suffix(summary.volume_frame)}"
+    if summary.hold or summary.condition_number is None:
+        yield f"{found}; move less far, or give handles another `radius`"
+    elif summary.rigidity:
+        yield f"{found}; hold the rest, which is off in the file or the command"
+    else:
+        yield f"{found}: parts that turn are sheared; " + say(
+            "hold the rest, which is off in the file or by `hold=False`, or let them rotate with "
+            "`rigidity=10`"
+        )
 
 
 def _advise_on_cage_edits(summary: PoseSummary) -> Iterator[Said]:

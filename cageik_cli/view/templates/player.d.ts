@@ -205,7 +205,7 @@ interface CageEditing { stage: Stage; clip: Clip; editor: Editor; active: number
 
 interface CageSelection { findCage: () => Points; falloff: string; radius: number }
 
-interface Poser { rows: Float64Array[]; rings: any; normal: any; solvers: any; surface: HeldSurface | null; mirror: { normal: Point; point: Point } | null }
+interface Poser { rows: Float64Array[]; rings: any; normal: any; solvers: any; surface: HeldSurface | null; mirror: { normal: Point; point: Point } | null; size: number }
 
 interface CoordinateSolver { rings: number[][]; count: number; column: Int32Array; share: Float64Array; gram?: Float64Array[] }
 

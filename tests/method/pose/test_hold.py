@@ -264,3 +264,19 @@ def test_an_arm_that_ends_at_its_pivot_is_moved():
     whole, shift = list_levels([0, 0, 1.0], [0, 0, -1.0])[-1]
     np.testing.assert_array_equal(whole, np.eye(3))
     np.testing.assert_array_equal(shift, [0, 0, -1])
+
+
+@pytest.mark.parametrize("hold", [True, False])
+def test_a_handle_on_the_plane_of_a_mirror_stays_on_it(round_one, hold):
+    mirror = Mirror(np.array([1.0, 0, 0]), np.zeros(3))
+    rest = round_one.rest.vertices
+    middle = int(np.lexsort((-rest[:, 1], np.abs(rest[:, 0]).round(9)))[0])
+    poser = Poser(
+        round_one,
+        anchors_at(round_one, middle),
+        constraints=CageConstraints((), mirror),
+        hold=hold,
+    )
+    mesh = poser.solve_mesh(np.array([[0.3, 0.2, 0.0]]))
+    np.testing.assert_allclose(mesh[middle] - rest[middle], [0, 0.2, 0], rtol=0, atol=1e-5)
+    assert np.linalg.norm(mesh - rest, axis=1).max() < 0.3

@@ -5,10 +5,11 @@ from dataclasses import replace
 
 import pytest
 
-from cageik_cli.editing.summary import AnchorSummary, PoseSummary
+from cageik_cli.editing.summary import AnchorSummary, CageEditSummary, PoseSummary
 from cageik_cli.report.views.pose_text import MAX_SHOWN_HANDLES, format_pose_json, format_pose_rows
 
 HAND = AnchorSummary("hand", "", 7, None, None, 0.2, 1e-9, 5e-8, "f_7")
+CORNER = CageEditSummary("corner", 1, 0.3, 2, "f_8")
 EDIT = PoseSummary(
     diagonal=2.0, anchors=(HAND,), rms=0.03, rms_percent=1.5, moved=0.25, moved_least=0.0,
     vertex=7, frame="f_8", cage_moved=0.3, cage_vertex=2, volume_change_percent=1.25,
@@ -129,3 +130,26 @@ def test_json_has_every_metric():
     assert record["changed"] == ["f_3", "f_9"]
     assert record["anchors"][0]["residual_percent"] == HAND.residual_percent
     assert set(record) == {"schema", "tool", *EDIT.__dataclass_fields__}
+
+
+@pytest.mark.parametrize(
+    ("changes", "expected"),
+    [
+        ({}, "move less far, or give handles another"),
+        ({"hold": False}, "let them rotate"),
+        ({"hold": False, "rigidity": 3}, "hold the rest, which is off"),
+        ({"condition_number": None, "anchors": (), "cage_edits": (CORNER,)}, "move less far"),
+    ],
+)
+def test_a_volume_that_changes_much_is_remarked_on(changes, expected):
+    changed = replace(EDIT, volume_change_percent=-9.5, **changes)
+    notes = [str(text) for text in list_rows(changed, "note")]
+    assert any("the volume changes by -9.5000 % in f_4" in one and expected in one for one in notes)
+    small = replace(changed, volume_change_percent=-4.5)
+    assert not any("volume" in str(text) for text in list_rows(small, "note"))
+
+
+def test_a_cage_that_is_too_coarse_for_a_radius_is_remarked_on():
+    for percent, count in ((18.2, 1), (1.9, 0), (None, 0)):
+        notes = list_rows(replace(EDIT, beyond_moved_percent=percent), "note")
+        assert sum("beyond the radii" in str(text) for text in notes) == count

@@ -110,7 +110,8 @@ class Editor extends Past {
   makeAnchor(handle) {
     const { corners, shares } = resolvePlace(handle, this.clip, handle.name);
     const radius = handle.radius && handle.radius / this.clip.diagonal;
-    return { corners, shares, radius, weight: handle.weight ?? 1, hard: Boolean(handle.hard), ...this.skin.anchor(corners, shares) };
+    const place = [0, 1, 2].map((a) => sumOf(corners.map((k, i) => shares[i] * this.skin.base[3 * k + a])));
+    return { corners, shares, place, radius, weight: handle.weight ?? 1, hard: Boolean(handle.hard), ...this.skin.anchor(corners, shares) };
   }
 
   // Whether an edit may change a frame.

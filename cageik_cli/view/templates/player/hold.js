@@ -2,7 +2,7 @@
 // geometry/surface_distance.py, whose constants these are. Lengths are in diagonals.
 const HOLD = 300, REACHED_SHARE = 0.12, MIN_RADIUS = 0.1, MAX_RADIUS = 0.4, CORE = 0.25, RING = 0.72, RING_WIDTH = 0.12;
 const LEVELS = 2, MIN_STRETCH = 0.7, MAX_STRETCH = 1.4, SHORT_ARM = 0.2, LONG_ARM = 0.45, NEAREST = 1e-4;
-const AXES_RADIUS = 0.08, MIN_COUNTED = 12;
+const AXES_RADIUS = 0.08, MIN_COUNTED = 12, COUNTED_RADIUS = 0.6, COINCIDENT = 1e-9;
 
 const smooth = (x) => { x = clamp(x, 0, 1); return x * x * (3 - 2 * x); };
 const fallOff = (away) => 1 - smooth((away - CORE) / (1 - CORE));
@@ -128,8 +128,9 @@ class HeldSurface {
 
   // The turn of the surface around a point: what it is linear in.
   makeAxes(place) {
-    const { base, cageCount: n, weights } = this.skin, found = this.measure(place, MAX_RADIUS);
-    const radius = max(AXES_RADIUS, found.away[found.order[min(MIN_COUNTED, found.order.length - 1)]]), mean = [0, 0, 0];
+    const { base, cageCount: n, weights } = this.skin, found = this.measure(place, Infinity);
+    const around = found.order.filter((k) => found.away[k] > COINCIDENT).slice(0, MIN_COUNTED), mean = [0, 0, 0];
+    const radius = max(AXES_RADIUS, around.length ? found.away[around.at(-1)] / COUNTED_RADIUS : 0);
     const near = found.order.filter((k) => found.away[k] < radius), total = sumOf(near.map((k) => fallOff(found.away[k] / radius)));
     const counted = near.map((k) => fallOff(found.away[k] / radius) / total);
     near.forEach((k, i) => { for (let a = 0; a < 3; a++) mean[a] += counted[i] * base[3 * k + a]; });

@@ -8,7 +8,13 @@ class Poser {
     this.reaches = this.surface ? this.surface.findReaches(anchors, this.mirror) : [];
     const unit = alpha * anchors.length / this.rings.length;
     const compliance = anchors.map(({ hard, weight }) => hard ? 0 : unit / weight);
-    this.responses = this.solvers.map((solver) => solver.respond(this.rows, compliance));
+    // Across a mirror, anchors on its plane stay.
+    const { mirror } = this, isOff = ({ place }) => abs(dot(minus(place, mirror.point), mirror.normal)) > MAX_ASYMMETRY * this.size;
+    this.responses = this.solvers.map((solver, k) => {
+      const acts = anchors.map((one) => !k || isOff(one)), pick = (list) => list.filter((_, i) => acts[i]);
+      const found = solver.respond(pick(this.rows), pick(compliance));
+      return found && acts.map((isActing) => isActing ? found.shift() : zeros(this.rings.length));
+    });
     this.isMet = this.responses.every(Boolean);
   }
 
@@ -72,5 +78,6 @@ function makeSolvers(cage, faces, locked, mirror, surface) {
   const rings = listNeighbours(listEdges(faces), cage.length / 3), partners = mirror && findPartners(cage, mirror);
   if (mirror && !partners) throw new Error("mirror: the cage is not symmetric; move the plane, or remove the mirror");
   const solvers = (mirror ? [1, -1] : [1]).map((sign) => new CoordinateSolver(rings, new Set(locked), partners, sign, surface?.gram));
-  return { rings, solvers, surface, mirror, normal: mirror?.normal };
+  const size = norm([0, 1, 2].map((a) => { const all = listPoints(cage).map((p) => p[a]); return max(...all) - min(...all); }));
+  return { rings, solvers, surface, mirror, size, normal: mirror?.normal };
 }
