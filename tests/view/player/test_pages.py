@@ -26,7 +26,7 @@ from tests.report.markup import find_faults, parse_page
 from tests.shapes import ball, box
 from tests.view.player.rebuild import unpack_payload
 
-MAX_SCRIPT_BYTES = 134_000
+MAX_SCRIPT_BYTES = 136_000
 """Of a page, shortened; compressed they are a third."""
 
 
