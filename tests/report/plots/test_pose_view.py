@@ -92,10 +92,12 @@ def test_sets_without_effect_in_the_frame_are_not_shown(viewed):
 
 def test_of_several_sets_the_last_decides_a_point(viewed):
     view = viewed(
-        moving("first", 0, [0, 0.1, 0]), moving("other", 3, [0, 0, 0]), moving("last", 0, [1, 0, 0])
+        moving("first", 0, [0, 0.1, 0], hold=False),
+        moving("other", 3, [0, 0, 0], hold=False),
+        moving("last", 0, [1, 0, 0], hold=False),
     )
     assert view.names == ("other", "last")
-    np.testing.assert_allclose(view.ends[1], view.targets[1], rtol=0, atol=1e-4)
+    np.testing.assert_allclose(view.ends[1], view.targets[1], rtol=0, atol=1e-6)
     (missed,) = re.findall(r"miss of a target (\S+) %", build_panels(view)[1].title)
     assert float(missed) == pytest.approx(miss_percent(view, "other"), rel=1e-3)
 
